@@ -1,0 +1,2 @@
+//! The porograin command.
+fn main() {}

@@ -1,0 +1,9 @@
+//! Shape and neighbourhood of a packing of spheres: no mass, no time, no fluid.
+//!
+//! - [`cell`]: the region the grains live in, a box whose axes are walled or periodic;
+//! - [`triangulation`]: the regular (weighted Delaunay) triangulation of the grains, exact, with the walls as vertices;
+
+pub mod cell;
+pub mod triangulation;
+pub use cell::Cell;
+pub use triangulation::Triangulation;
