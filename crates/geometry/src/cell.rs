@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 ///
 /// The two faces across a walled axis are planes orthogonal to x, y or z. Faces are numbered
 /// `0..6`: x low, x high, y low, y high, z low, z high (left, right, front, back, bottom, top).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Cell {
     /// The corner with the lowest coordinates along the edges [m].
     pub origin: DVec3,

@@ -1,1 +1,13 @@
-//! placeholder
+//! Fluid-saturated granular media, grain by grain and pore by pore.
+
+pub mod boundary;
+pub mod contact;
+pub mod grains;
+pub mod model;
+pub mod pores;
+pub mod state;
+
+pub use boundary::{Domain, Face, Signal, Slip, Solid, Water};
+pub use grains::{Grains, Loads};
+pub use model::{Flow, FluidModel, Model, TimeStep};
+pub use state::State;

@@ -1,0 +1,157 @@
+//! The faces of the domain: where they are now, what they do to grains, what they do to water.
+
+use glam::DVec3;
+use porograin_geometry::Cell;
+use serde::{Deserialize, Serialize};
+
+/// Names of the six faces as case files spell them, in face order.
+pub const FACE_NAMES: [&str; 6] = ["left", "right", "front", "back", "bottom", "top"];
+
+/// Where the faces are now and how they move.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Domain {
+    /// The box.
+    pub cell: Cell,
+    /// Velocity of each wall, of the middle of the last step [m/s].
+    pub wall_velocity: [DVec3; 6],
+    /// Total force on each wall at the last step, grains and water together [N].
+    pub wall_force: [DVec3; 6],
+}
+
+impl Domain {
+    /// A walled box at rest.
+    pub fn walled(lower: DVec3, upper: DVec3) -> Self {
+        Domain {
+            cell: Cell::walled(lower, upper),
+            wall_velocity: Default::default(),
+            wall_force: Default::default(),
+        }
+    }
+
+    /// Area of a face [m²].
+    pub fn area(&self, face: usize) -> f64 {
+        let size = self.cell.upper() - self.cell.origin;
+        let axis = face / 2;
+        size[(axis + 1) % 3] * size[(axis + 2) % 3]
+    }
+}
+
+/// What one face does: a rule for the grains and a rule for the water.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Face {
+    /// How the wall moves.
+    pub solid: Solid,
+    /// What the water meets there.
+    pub water: Water,
+    /// Whether water sticks to the wall.
+    pub slip: Slip,
+    /// Friction angle between wall and grains [degrees].
+    pub friction: f64,
+}
+
+impl Default for Face {
+    fn default() -> Self {
+        Face { solid: Solid::Fixed, water: Water::Sealed, slip: Slip::Symmetry, friction: 0.0 }
+    }
+}
+
+/// How a wall moves.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Solid {
+    /// It stays where it is.
+    Fixed,
+    /// It moves by decree [m/s].
+    Moving {
+        /// Velocity of the wall; the normal component moves the face, the tangential ones drag the grains.
+        velocity: [Signal; 3],
+    },
+    /// A piston: a rigid plate with inertia, free along its normal, pressed by `stress` against grains and water.
+    Servo {
+        /// Total normal stress on the sample, positive in compression [Pa].
+        stress: Signal,
+        /// Mass of the plate [kg]; by default half the mass of the grains.
+        mass: Option<f64>,
+        /// The plate never moves faster than this [m/s]; by default the speed at which the sample deforms at the
+        /// inertial number 0.01.
+        speed: Option<f64>,
+    },
+}
+
+/// What the water meets at a face.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Water {
+    /// No flow through the face.
+    Sealed,
+    /// The excess pressure is imposed [Pa].
+    Pressure(Signal),
+}
+
+/// Whether the water slides along a wall freely or sticks to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Slip {
+    /// The wall is a mirror: no shear.
+    Symmetry,
+    /// The wall's wetted surface resists the flow and takes its share of the drag.
+    NoSlip,
+}
+
+/// A number that varies in time; in case files a plain number, or a table such as `{ ramp = … }`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Signal {
+    /// Always the same.
+    Constant(f64),
+    /// From `from` at time `start` to `to` at time `end`, constant before and after.
+    Ramp {
+        /// Value until `start`.
+        from: f64,
+        /// Value from `end` on.
+        to: f64,
+        /// [s]
+        start: f64,
+        /// [s]
+        end: f64,
+    },
+    /// `mean + amplitude sin(2 pi (t - start) / period)`.
+    Sine {
+        /// Mean value.
+        mean: f64,
+        /// Amplitude.
+        amplitude: f64,
+        /// [s]
+        period: f64,
+        /// [s]
+        start: f64,
+    },
+    /// Straight lines between points `[t, value]`, constant outside.
+    Table(Vec<[f64; 2]>),
+}
+
+impl Signal {
+    /// The value at time `t`; stage signals count `t` from the start of the stage.
+    pub fn at(&self, t: f64) -> f64 {
+        match self {
+            Signal::Constant(value) => *value,
+            Signal::Ramp { from, to, start, end } => {
+                let part = if end > start {
+                    ((t - start) / (end - start)).clamp(0.0, 1.0)
+                } else {
+                    f64::from(t >= *start)
+                };
+                from + (to - from) * part
+            }
+            Signal::Sine { mean, amplitude, period, start } => {
+                mean + amplitude * (std::f64::consts::TAU * (t - start) / period).sin()
+            }
+            Signal::Table(points) => {
+                let next = points.partition_point(|p| p[0] <= t);
+                match (next.checked_sub(1).map(|k| points[k]), points.get(next)) {
+                    (None, None) => 0.0,
+                    (None, Some(first)) => first[1],
+                    (Some(last), None) => last[1],
+                    (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * (t - a[0]) / (b[0] - a[0]),
+                }
+            }
+        }
+    }
+}

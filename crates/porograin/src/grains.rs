@@ -1,0 +1,89 @@
+//! The arrays everything works on: grains, and the loads that act on them.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Spherical grains, one entry per grain in every array.
+///
+/// Velocities belong to the middle of the last step
+/// (leapfrog, `physics` §2): `position(t)`, `velocity(t - dt/2)`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Grains {
+    /// Centres [m].
+    pub position: Vec<DVec3>,
+    /// Velocities of the centres [m/s].
+    pub velocity: Vec<DVec3>,
+    /// Angular velocities [rad/s].
+    pub spin: Vec<DVec3>,
+    /// Radii [m].
+    pub radius: Vec<f64>,
+    /// Masses [kg].
+    pub mass: Vec<f64>,
+    /// The number a user knows the grain by (its line in the input, its order of creation): the arrays are kept in
+    /// space-filling order, outputs are written in order of `id`.
+    pub id: Vec<u32>,
+}
+
+impl Grains {
+    /// Grains at rest with `mass = density 4/3 pi r³`, numbered in the given order.
+    pub fn at_rest(position: Vec<DVec3>, radius: Vec<f64>, density: f64) -> Self {
+        let n = position.len();
+        Grains {
+            velocity: vec![DVec3::ZERO; n],
+            spin: vec![DVec3::ZERO; n],
+            mass: radius.iter().map(|&r| density * sphere_volume(r)).collect(),
+            id: (0..n as u32).collect(),
+            position,
+            radius,
+        }
+    }
+
+    /// Number of grains.
+    pub fn len(&self) -> usize {
+        self.position.len()
+    }
+
+    /// Whether there is no grain at all.
+    pub fn is_empty(&self) -> bool {
+        self.position.is_empty()
+    }
+
+    /// Moment of inertia of grain `i` about any axis through its centre, `2/5 m r²` [kg m²].
+    #[inline]
+    pub fn inertia(&self, i: usize) -> f64 {
+        0.4 * self.mass[i] * self.radius[i] * self.radius[i]
+    }
+
+    /// Sum of the sphere volumes [m³]; overlaps count twice.
+    pub fn volume(&self) -> f64 {
+        self.radius.iter().map(|&r| sphere_volume(r)).sum()
+    }
+}
+
+/// `4/3 pi r³`.
+#[inline]
+pub fn sphere_volume(radius: f64) -> f64 {
+    4.0 / 3.0 * std::f64::consts::PI * radius * radius * radius
+}
+
+/// Forces [N] and torques about the centres [N m] of one instant. Every law adds here; only motion reads it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Loads {
+    /// Force on each grain.
+    pub force: Vec<DVec3>,
+    /// Torque on each grain.
+    pub torque: Vec<DVec3>,
+    /// Force on each wall, in face order.
+    pub wall: [DVec3; 6],
+}
+
+impl Loads {
+    /// Zero loads for `n` grains, keeping the memory.
+    pub fn clear(&mut self, n: usize) {
+        self.force.clear();
+        self.force.resize(n, DVec3::ZERO);
+        self.torque.clear();
+        self.torque.resize(n, DVec3::ZERO);
+        self.wall = [DVec3::ZERO; 6];
+    }
+}

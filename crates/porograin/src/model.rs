@@ -1,0 +1,58 @@
+//! What the case says: values that never change during a step.
+
+use crate::boundary::Face;
+use crate::contact::Law;
+use crate::pores::Pores;
+use glam::DVec3;
+
+/// Everything a step reads besides the state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// How long a step is.
+    pub time_step: TimeStep,
+    /// [m/s²]
+    pub gravity: DVec3,
+    /// The law of every contact.
+    pub contact: Law,
+    /// Cundall's local damping D (Catalano 2.15) [-], on grains and servoed walls.
+    pub damping: f64,
+    /// Rules of the six faces.
+    pub faces: [Face; 6],
+    /// The water; `None` when the stage is dry.
+    pub fluid: Option<FluidModel>,
+    /// The time at which the stage began: signals count from here [s].
+    pub stage_start: f64,
+}
+
+/// How long a step is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TimeStep {
+    /// `safety` times the stability limit, renewed every [`RENEW_EVERY`] steps.
+    Automatic {
+        /// Fraction of the limit.
+        safety: f64,
+    },
+    /// Always this long [s].
+    Fixed(f64),
+}
+
+/// Steps between two looks at the stability limit.
+pub const RENEW_EVERY: u64 = 100;
+
+/// The water in the pores.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FluidModel {
+    /// Dynamic viscosity [Pa s].
+    pub viscosity: f64,
+    /// [kg/m³]
+    pub density: f64,
+    /// How its flow is computed.
+    pub flow: Flow,
+}
+
+/// The choice of flow model.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Flow {
+    /// Pore by pore (Catalano ch. 3).
+    Pores(Pores),
+}

@@ -1,0 +1,75 @@
+//! Water pore by pore: the pore-scale finite volume method (Catalano ch. 3; coupling of `physics` §3b).
+
+use glam::DVec3;
+use porograin_geometry::Cell;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the pore-scale flow.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+pub struct Pores {
+    /// How a throat conducts.
+    pub conductance: Conductance,
+    /// When to make a new mesh.
+    pub remesh: Remesh,
+    /// Relative residual of the pressure solve.
+    pub residual: f64,
+    /// How to solve for the pressures.
+    pub solver: Solver,
+}
+
+impl Default for Pores {
+    fn default() -> Self {
+        Pores {
+            conductance: Conductance::HydraulicRadius,
+            remesh: Remesh::default(),
+            residual: 1e-8,
+            solver: Solver::Auto,
+        }
+    }
+}
+
+/// How a throat conducts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Conductance {
+    /// Catalano 3.4-3.5.
+    HydraulicRadius,
+}
+
+/// When to make a new mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+pub struct Remesh {
+    /// As soon as the volume of any pore has changed by this much since the last mesh [-] (Catalano 5.13-5.14).
+    pub strain: f64,
+}
+
+impl Default for Remesh {
+    fn default() -> Self {
+        Remesh { strain: 0.01 }
+    }
+}
+
+/// How to solve for the pressures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Solver {
+    /// By size.
+    Auto,
+    /// Sparse factorisation.
+    Cholesky,
+    /// Preconditioned conjugate gradients.
+    Cg,
+}
+
+/// What a restart needs of the water: the mesh is made again from the grains as they were when it was made.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PoreState {
+    /// Grain centres when the mesh was made [m].
+    pub mesh_position: Vec<DVec3>,
+    /// The box when the mesh was made.
+    pub mesh_cell: Option<Cell>,
+    /// Excess pressure of each pore now, and at the two steps before [Pa].
+    pub pressure: [Vec<f64>; 3],
+}

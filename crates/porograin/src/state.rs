@@ -1,0 +1,26 @@
+//! Everything a restart needs.
+
+use crate::boundary::Domain;
+use crate::contact::Contacts;
+use crate::grains::Grains;
+use crate::pores::PoreState;
+use serde::{Deserialize, Serialize};
+
+/// The state of a simulation between two steps. Writing and reading it back changes no bit of what follows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// [s]
+    pub time: f64,
+    /// Steps done since the case began.
+    pub step: u64,
+    /// Length of the current step [s]; kept here because it is renewed only now and then.
+    pub dt: f64,
+    /// Where the faces are.
+    pub domain: Domain,
+    /// The grains.
+    pub grains: Grains,
+    /// The touching pairs.
+    pub contacts: Contacts,
+    /// The water, while a stage has any.
+    pub fluid: Option<PoreState>,
+}
