@@ -1,9 +1,12 @@
 //! Shape and neighbourhood of a packing of spheres: no mass, no time, no fluid.
 //!
 //! - [`cell`]: the region the grains live in, a box whose axes are walled or periodic;
+//! - [`order`]: numbering along a space-filling curve;
 //! - [`triangulation`]: the regular (weighted Delaunay) triangulation of the grains, exact, with the walls as vertices;
 
 pub mod cell;
+pub mod order;
+mod predicates;
 pub mod triangulation;
 pub use cell::Cell;
-pub use triangulation::Triangulation;
+pub use triangulation::{Triangulation, TriangulationError};

@@ -1,4 +1,19 @@
 //! The regular (weighted Delaunay) triangulation of spheres in a [`Cell`](crate::Cell).
+//!
+//! A wall is the limit of a sphere of infinite radius, a vertex at infinity; the triangulation is then exactly the dual of the
+//! power diagram restricted to the box. Topology is decided exactly for positions rounded once to `2^-50` of the
+//! cell, ties by an infinitesimal distortion of the metric (see `predicates`), so the result depends neither on the
+//! numbering of the grains (but for coinciding ones) nor on the order of insertion nor on the unit of length.
+
+mod canonical;
+pub(crate) mod frame;
+mod mesh;
+
+use crate::predicates::Forms;
+use crate::{Cell, order};
+use frame::Frame;
+use glam::DVec3;
+use mesh::Mesh;
 
 /// A vertex of a pore: a grain `0..n`, or a wall `FIRST_WALL + face`.
 pub type Vertex = u32;
@@ -33,4 +48,110 @@ pub struct Triangulation {
     pub shifts: Vec<[[i8; 3]; 4]>,
     /// Grains whose power cell is empty: no pore has them as a vertex.
     pub hidden: Vec<u32>,
+}
+
+/// Why a triangulation cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TriangulationError {
+    /// The cell makes no sense, for the reason given.
+    Cell(&'static str),
+    /// As many radii as positions are needed.
+    Lengths {
+        /// Number of positions.
+        positions: usize,
+        /// Number of radii.
+        radii: usize,
+    },
+    /// More grains than vertex numbers.
+    TooMany,
+    /// A position is not finite.
+    Position {
+        /// Index of the grain.
+        grain: usize,
+    },
+    /// A radius is negative, not finite or more than 1000 times the size of the cell.
+    Radius {
+        /// Index of the grain.
+        grain: usize,
+    },
+    /// A centre lies beyond a wall.
+    Outside {
+        /// Index of the grain.
+        grain: usize,
+        /// Number of the face.
+        face: usize,
+    },
+}
+
+impl std::fmt::Display for TriangulationError {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::Cell(reason) => write!(f, "the cell cannot hold a triangulation: {reason}"),
+            Self::Lengths { positions, radii } => {
+                write!(f, "{positions} positions but {radii} radii were given")
+            }
+            Self::TooMany => write!(f, "more than {MOST_GRAINS} grains cannot be triangulated"),
+            Self::Position { grain } => write!(f, "the position of grain {grain} is not finite"),
+            Self::Radius { grain } => {
+                write!(f, "the radius of grain {grain} is negative, not finite or over 1000 times the cell")
+            }
+            Self::Outside { grain, face } => {
+                let name = ["left", "right", "front", "back", "bottom", "top"][*face];
+                write!(f, "the centre of grain {grain} lies beyond the {name} wall (face {face})")
+            }
+        }
+    }
+}
+
+impl std::error::Error for TriangulationError {}
+
+/// Pore numbers are 32 bits and there are about seven pores per grain, eight and more on lattices.
+const MOST_GRAINS: usize = 1 << 28;
+
+impl Triangulation {
+    /// The regular triangulation of spheres whose centres lie in the box (or on its walls).
+    ///
+    /// `position` \[m\] and `radius` \[m\] have one entry per grain. No grain gives no pores. The numbering of the
+    /// pores, and of the vertices in each, depends on the triangulation and the numbering of the grains only: pores come
+    /// in the order of their smallest grain, so grains in [space-filling order](crate::order::hilbert) make later loops
+    /// cache-friendly. A grain is [hidden](Self::hidden) if its power cell is empty (deep overlap) or if it
+    /// coincides with a grain of equal radius and lower index.
+    ///
+    /// # Errors
+    /// [`TriangulationError`] names the first grain that is not finite, has a negative radius or lies outside.
+    pub fn new(cell: &Cell, position: &[DVec3], radius: &[f64]) -> Result<Self, TriangulationError> {
+        if position.len() != radius.len() {
+            return Err(TriangulationError::Lengths { positions: position.len(), radii: radius.len() });
+        }
+        if position.len() > MOST_GRAINS {
+            return Err(TriangulationError::TooMany);
+        }
+        if cell.periodic != [false; 3] {
+            return Err(TriangulationError::Cell("periodic axes are not supported yet"));
+        }
+        let frame = Frame::new(cell)?;
+        let mut points = Vec::with_capacity(position.len());
+        for (grain, (&x, &r)) in position.iter().zip(radius).enumerate() {
+            let point = frame.point(grain, x, r)?;
+            let beyond = |axis: usize| match point[axis] {
+                c if c < 0.0 => Some(2 * axis),
+                c if c > frame.size[axis] => Some(2 * axis + 1),
+                _ => None,
+            };
+            if let Some(face) = (0..3).find_map(beyond) {
+                return Err(TriangulationError::Outside { grain, face });
+            }
+            points.push(point);
+        }
+        let curve = order::hilbert(cell, position);
+        let points: Vec<[f64; 4]> = curve.iter().map(|&i| points[i as usize]).collect();
+        let grains = points.len();
+        let mut mesh = Mesh::new(points, curve, &frame, Forms::new(cell.periodic));
+        let mut rounds = order::rounds(grains).into_iter();
+        if let Some(first) = rounds.next() {
+            mesh.start(first);
+        }
+        rounds.for_each(|grain| mesh.insert(grain));
+        Ok(canonical::number(&mesh, grains))
+    }
 }

@@ -1,0 +1,134 @@
+//! Space-filling order: grains that are close in space get numbers that are close.
+
+use crate::Cell;
+use glam::DVec3;
+
+/// Bits per axis of a Hilbert key.
+const BITS: u32 = 20;
+
+/// The grains along a Hilbert curve through the cell: entry `k` is the index of the `k`-th grain of the curve.
+///
+/// Loops over neighbours are cache-friendly when grains are stored in this order. Positions outside the cell (or
+/// not finite) are clamped to it; grains with equal keys keep their order. `O(n log n)`.
+pub fn hilbert(cell: &Cell, position: &[DVec3]) -> Vec<u32> {
+    let (mut low, mut high) = (cell.origin, cell.origin);
+    for corner in 1..8 {
+        let bit = |k: u32| f64::from((corner >> k) & 1);
+        let point = cell.origin + cell.edges * DVec3::new(bit(0), bit(1), bit(2));
+        (low, high) = (low.min(point), high.max(point));
+    }
+    let scale = f64::from((1u32 << BITS) - 1) / (high - low).max_element();
+    // `as u32` saturates and sends NaN to zero.
+    let key = |p: &DVec3| curve_key(((*p - low) * scale).to_array().map(|c| (c as u32).min((1 << BITS) - 1)));
+    let mut order: Vec<(u64, u32)> = position.iter().zip(0..).map(|(p, i)| (key(p), i)).collect();
+    order.sort_unstable();
+    order.into_iter().map(|(_, i)| i).collect()
+}
+
+/// An insertion order of `0..n` (places along a curve) in rounds that grow eightfold: each round holds one place at random out of
+/// each eight of the next, and runs along the curve.
+///
+/// The randomness (fixed seed) bounds the expected cost for any input, the rounds keep the walks short (N. Amenta,
+/// S. Choi, G. Rote, "Incremental constructions con BRIO", 2003).
+pub(crate) fn rounds(n: usize) -> Vec<u32> {
+    let mut state = 0x9e37_79b9_7f4a_7c15u64;
+    let mut pick = |below: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        ((state >> 32) as usize * below) >> 32
+    };
+    let mut order = vec![0; n];
+    let mut end = n;
+    let mut places: Vec<u32> = (0..n as u32).collect();
+    while places.len() > 8 {
+        let mut earlier = Vec::with_capacity(places.len() / 8 + 1);
+        let mut at = end - (places.len() - places.len().div_ceil(8));
+        end = at;
+        for block in places.chunks(8) {
+            let chosen = pick(block.len());
+            for (k, &place) in block.iter().enumerate() {
+                if k == chosen {
+                    earlier.push(place);
+                } else {
+                    order[at] = place;
+                    at += 1;
+                }
+            }
+        }
+        places = earlier;
+    }
+    order[..end].copy_from_slice(&places);
+    order
+}
+
+/// Place of a lattice point on the Hilbert curve (J. Skilling, "Programming the Hilbert curve", AIP Conf. Proc.
+/// 707, 381, 2004).
+fn curve_key(mut x: [u32; 3]) -> u64 {
+    let mut q = 1 << (BITS - 1);
+    while q > 1 {
+        let p = q - 1;
+        for i in 0..3 {
+            if x[i] & q != 0 {
+                x[0] ^= p;
+            } else {
+                let t = (x[0] ^ x[i]) & p;
+                x[0] ^= t;
+                x[i] ^= t;
+            }
+        }
+        q >>= 1;
+    }
+    x[1] ^= x[0];
+    x[2] ^= x[1];
+    let mut t = 0;
+    q = 1 << (BITS - 1);
+    while q > 1 {
+        if x[2] & q != 0 {
+            t ^= q - 1;
+        }
+        q >>= 1;
+    }
+    x.iter().map(|&c| spread(u64::from(c ^ t))).fold(0, |key, bits| (key << 1) | bits)
+}
+
+/// Puts two zero bits between the bits of a 21-bit number.
+fn spread(mut x: u64) -> u64 {
+    x = (x | (x << 32)) & 0x001f_0000_0000_ffff;
+    x = (x | (x << 16)) & 0x001f_0000_ff00_00ff;
+    x = (x | (x << 8)) & 0x100f_00f0_0f00_f00f;
+    x = (x | (x << 4)) & 0x10c3_0c30_c30c_30c3;
+    (x | (x << 2)) & 0x1249_2492_4924_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_are_a_permutation() {
+        for n in [0, 1, 2, 8, 9, 17, 64, 65, 1000] {
+            let mut order = rounds(n);
+            order.sort_unstable();
+            assert_eq!(order, (0..n as u32).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn consecutive_points_of_the_curve_are_lattice_neighbours() {
+        let m = 8u32;
+        let step = f64::from((1u32 << BITS) / m);
+        let unit = f64::from((1u32 << BITS) - 1);
+        let points: Vec<DVec3> = (0..m * m * m)
+            .map(|i| DVec3::new(f64::from(i % m), f64::from(i / m % m), f64::from(i / m / m)) * step)
+            .collect();
+        let order = hilbert(&Cell::walled(DVec3::ZERO, DVec3::splat(unit)), &points);
+        let mut seen = order.clone();
+        seen.sort_unstable();
+        assert!(seen.iter().zip(0..).all(|(a, b)| *a == b));
+        for pair in order.windows(2) {
+            let d = (points[pair[0] as usize] - points[pair[1] as usize]).length();
+            assert_eq!(d, step);
+        }
+    }
+}

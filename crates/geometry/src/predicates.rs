@@ -1,0 +1,344 @@
+//! Exact orientation and power tests; ties are broken by an infinitesimal change of the metric.
+//!
+//! Both tests look at a pore from a *query* grain `e`. Each vertex of the pore is a row `(d, l)`: for a grain at `x`
+//! with weight `w = r²`, `d = x - e` and `l = |d|² - w + w_e`; for a wall with outward normal `n`, `d = n` and
+//! `l = 2 times the distance of e from the wall` (the limit of a sphere of infinite radius, which is why every row may
+//! be scaled by a positive number). With the four determinants
+//! `O_k = (-1)^k det(d of the three other rows, in order)`, which are the barycentric coordinates of `e`:
+//!
+//! - `O_k` has the sign of the side of facet `k` on which the query lies (positive: inside);
+//! - the query is in *conflict* with the pore (below its lifted hyperplane) when `G = sum_k O_k l_k > 0`.
+//!
+//! Coordinates are whole numbers (see [`Frame`](crate::triangulation::frame::Frame)), so differences are exact in
+//! `f64` and the exact stage is plain integer arithmetic.
+//!
+//! # Ties
+//! The heights `|x|² - w` are replaced by `|x|² + sum_m eps_m q_m(x) - w + delta_i` with infinitesimals
+//! `eps_1 >> eps_2 >> ... >> delta_n >> ... >> delta_0` and quadratic forms `q_m` spanning all of them: a power diagram in
+//! an infinitesimally distorted metric. It does not know the numbering of the grains, adds only an affine function
+//! under translation (so it is the same in every period), and cuts a cubic lattice into Kuhn's six tetrahedra. Five
+//! rows that tie in all six forms contain two grains at the same place (Veronese embedding), which the `delta` separate:
+//! the one with the higher index is hidden. In a partly periodic cell the forms that mix a periodic with a walled axis come
+//! last: pores with walls are settled by the others, so the mixed ones are only met where they are translation invariant.
+
+/// A vertex of a pore seen from the query, in floating point (`d` exact, `l` rounded).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Row {
+    pub x: f64,
+    pub y: f64,
+    pub z: f64,
+    pub l: f64,
+    /// `|d|² + |w - w_e|`, the size that bounds the rounding error of `l`.
+    pub t: f64,
+}
+
+/// The row of a grain; point and query are `[x, y, z, w]`.
+#[inline(always)]
+pub(crate) fn grain_row(point: [f64; 4], query: [f64; 4]) -> Row {
+    difference_row([point[0] - query[0], point[1] - query[1], point[2] - query[2]], point[3] - query[3])
+}
+
+/// The row of a grain at the exact distance `d`, `dw = w - w_e`.
+#[inline(always)]
+pub(crate) fn difference_row(d: [f64; 3], dw: f64) -> Row {
+    let s = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+    Row { x: d[0], y: d[1], z: d[2], l: s - dw, t: s + dw.abs() }
+}
+
+/// The unit roundoff of `f64`.
+const U: f64 = f64::EPSILON / 2.0;
+
+/// `|error of a 3x3 determinant| <= ORIENTATION X Y Z`, X, Y, Z the largest entries of the columns: six
+/// products, each rounded at most 5 times (product, difference, product, two sums), and 5 roundings of the bound: `6 * 10 u` is ample.
+const ORIENTATION: f64 = 60.0 * U;
+
+/// `|error of G| <= POWER X Y Z T`, T the largest `t`: 24 products, each rounded at most 14 times (product, difference,
+/// product, two sums; four roundings in `l` relative to `t`, one in `t`; product and three sums), and the roundings of the bound itself: `24 * 14 u` plus ten
+/// percent.
+const POWER: f64 = 370.0 * U;
+
+#[inline(always)]
+fn max3(a: f64, b: f64, c: f64) -> f64 {
+    let m = if a > b { a } else { b };
+    if m > c { m } else { c }
+}
+
+/// `det(a, b, c)` of the `d` parts with a bound of its error.
+#[inline(always)]
+pub(crate) fn determinant(a: &Row, b: &Row, c: &Row) -> (f64, f64) {
+    let value = a.x * (b.y * c.z - b.z * c.y) - a.y * (b.x * c.z - b.z * c.x) + a.z * (b.x * c.y - b.y * c.x);
+    let bound = max3(a.x.abs(), b.x.abs(), c.x.abs())
+        * max3(a.y.abs(), b.y.abs(), c.y.abs())
+        * max3(a.z.abs(), b.z.abs(), c.z.abs());
+    (value, ORIENTATION * bound)
+}
+
+/// `G` with a bound of its error.
+#[inline(always)]
+pub(crate) fn power(r: [&Row; 4]) -> (f64, f64) {
+    let [a, b, c, d] = r;
+    let ab = a.x * b.y - b.x * a.y;
+    let ac = a.x * c.y - c.x * a.y;
+    let ad = a.x * d.y - d.x * a.y;
+    let bc = b.x * c.y - c.x * b.y;
+    let bd = b.x * d.y - d.x * b.y;
+    let cd = c.x * d.y - d.x * c.y;
+    let abc = bc * a.z - ac * b.z + ab * c.z;
+    let abd = bd * a.z - ad * b.z + ab * d.z;
+    let acd = cd * a.z - ad * c.z + ac * d.z;
+    let bcd = cd * b.z - bd * c.z + bc * d.z;
+    let value = (bcd * a.l - acd * b.l) + (abd * c.l - abc * d.l);
+    let max4 = |p: f64, q: f64, r: f64, s: f64| {
+        let (m, n) = (if p > q { p } else { q }, if r > s { r } else { s });
+        if m > n { m } else { n }
+    };
+    let bound = max4(a.x.abs(), b.x.abs(), c.x.abs(), d.x.abs())
+        * max4(a.y.abs(), b.y.abs(), c.y.abs(), d.y.abs())
+        * max4(a.z.abs(), b.z.abs(), c.z.abs(), d.z.abs())
+        * max4(a.t, b.t, c.t, d.t);
+    (value, POWER * bound)
+}
+
+/// A row in whole numbers: `|d| < 2^53`, `|l| < 2^122`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExactRow {
+    pub d: [i64; 3],
+    pub l: i128,
+    /// The index of the grain; `None` for a wall.
+    pub grain: Option<u32>,
+}
+
+/// The query of the exact stage.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExactQuery {
+    /// Absolute coordinates, not negative along walled axes.
+    pub place: [i64; 3],
+    pub grain: u32,
+}
+
+/// The quadratic forms of the perturbation, as coefficients of `xx, yy, zz, xy, yz, zx`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Forms([[i64; 6]; 6]);
+
+impl Forms {
+    /// The forms for a cell with the given periodic axes.
+    pub fn new(periodic: [bool; 3]) -> Self {
+        // -(xy + yz + zx) first: it alone settles cubic lattices (Kuhn), and all axes are equal.
+        let mut forms = [
+            [0, 0, 0, -1, -1, -1],
+            [1, 0, 0, 0, 0, 0],
+            [0, 1, 0, 0, 0, 0],
+            [0, 0, 1, 0, 0, 0],
+            [0, 0, 0, 1, 0, 0],
+            [0, 0, 0, 0, 1, 0],
+        ];
+        let crosses = [(0, 1), (1, 2), (2, 0)];
+        if let Some(pure) = crosses.iter().position(|&(i, j)| periodic[i] == periodic[j])
+            && periodic != [periodic[0]; 3]
+        {
+            // One axis differs: the cross term of the two others first, the two mixed ones last.
+            forms[0] = [0; 6];
+            forms[0][3 + pure] = -1;
+            for (row, mixed) in [(pure + 1) % 3, (pure + 2) % 3].into_iter().enumerate() {
+                forms[4 + row] = [0; 6];
+                forms[4 + row][3 + mixed] = -1;
+            }
+        }
+        Forms(forms)
+    }
+}
+
+/// `det(a, b, c)` in three 64-bit digits: the value is `high 2^64 + low`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Cubic {
+    high: i128,
+    low: u64,
+}
+
+fn cubic(a: &[i64; 3], b: &[i64; 3], c: &[i64; 3]) -> Cubic {
+    let minor = |i: usize, j: usize| {
+        i128::from(b[i]) * i128::from(c[j]) - i128::from(b[j]) * i128::from(c[i]) // < 2^107
+    };
+    let (mut high, mut low) = (0i128, 0i128);
+    for (x, m) in [(a[0], minor(1, 2)), (a[1], minor(2, 0)), (a[2], minor(0, 1))] {
+        low += i128::from(x) * (m as u64 as i128); // < 2^117 each
+        high += i128::from(x) * (m >> 64);
+    }
+    Cubic { high: high + (low >> 64), low: low as u64 }
+}
+
+impl Cubic {
+    fn sign(self) -> i32 {
+        if self.high == 0 { i32::from(self.low != 0) } else { self.high.signum() as i32 }
+    }
+}
+
+/// A sum of products in base `2^64` with signed digits, carried only when the sign is asked for.
+#[derive(Default)]
+struct Sum([i128; 5]);
+
+impl Sum {
+    /// Adds `sign * o * l`, `|o| < 2^163`, `|l| < 2^123`.
+    fn add(&mut self, sign: i128, o: Cubic, l: i128) {
+        let l = sign * l;
+        let (lh, ll) = (l >> 64, l as u64 as u128);
+        let digits = [u128::from(o.low), o.high as u64 as u128];
+        for (k, &digit) in digits.iter().enumerate() {
+            let p = digit * ll;
+            self.0[k] += (p as u64) as i128;
+            self.0[k + 1] += (p >> 64) as i128;
+            self.split(k + 1, digit as i128 * lh);
+        }
+        let top = o.high >> 64;
+        self.split(2, top * ll as i128);
+        self.split(3, top * lh);
+    }
+
+    fn split(&mut self, k: usize, p: i128) {
+        self.0[k] += (p as u64) as i128;
+        self.0[k + 1] += p >> 64;
+    }
+
+    fn sign(&self) -> i32 {
+        let (mut carry, mut any) = (0i128, 0u64);
+        for digit in &self.0[..4] {
+            let s = digit + carry;
+            any |= s as u64;
+            carry = s >> 64;
+        }
+        let top = self.0[4] + carry;
+        if top != 0 { top.signum() as i32 } else { i32::from(any != 0) }
+    }
+}
+
+/// The sign of the barycentric coordinate `O_k` of the query.
+#[cold]
+pub(crate) fn side_exact(k: usize, others: [&[i64; 3]; 3]) -> i32 {
+    let sign = cubic(others[0], others[1], others[2]).sign();
+    if k % 2 == 0 { sign } else { -sign }
+}
+
+/// Whether the query is in conflict with a positively oriented pore, ties broken as the module says.
+#[cold]
+pub(crate) fn conflict_exact(rows: &[ExactRow; 4], query: &ExactQuery, forms: &Forms) -> bool {
+    let d = |k: usize| &rows[k].d;
+    let o =
+        [cubic(d(1), d(2), d(3)), cubic(d(0), d(2), d(3)), cubic(d(0), d(1), d(3)), cubic(d(0), d(1), d(2))];
+    let sign = |k: usize| if k % 2 == 0 { 1 } else { -1 };
+    let mut sum = Sum::default();
+    for k in 0..4 {
+        sum.add(sign(k), o[k], rows[k].l);
+    }
+    if sum.sign() != 0 {
+        return sum.sign() > 0;
+    }
+    // Without a wall the sums are translation invariant: coordinates relative to the query do.
+    let walled = rows.iter().any(|r| r.grain.is_none());
+    let e = if walled { query.place.map(i128::from) } else { [0; 3] };
+    for form in &forms.0 {
+        let mut sum = Sum::default();
+        for k in (0..4).filter(|&k| rows[k].grain.is_some()) {
+            let [x, y, z] = rows[k].d.map(i128::from);
+            // q(e + d) - q(e), term by term.
+            let terms = [
+                x * (x + 2 * e[0]),
+                y * (y + 2 * e[1]),
+                z * (z + 2 * e[2]),
+                x * (y + e[1]) + e[0] * y,
+                y * (z + e[2]) + e[1] * z,
+                z * (x + e[0]) + e[2] * x,
+            ];
+            let value: i128 = form.iter().zip(terms).map(|(&c, t)| i128::from(c) * t).sum();
+            sum.add(sign(k), o[k], value);
+        }
+        if sum.sign() != 0 {
+            return sum.sign() > 0;
+        }
+    }
+    // The query coincides with a grain of the same weight: the one with the higher index is hidden.
+    rows.iter().any(|r| r.d == [0; 3] && r.grain.is_some_and(|g| g > query.grain))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn laplace(rows: &[Vec<i128>]) -> i128 {
+        if rows.len() == 1 {
+            return rows[0][0];
+        }
+        (0..rows.len())
+            .map(|c| {
+                let minor: Vec<Vec<i128>> = rows[1..]
+                    .iter()
+                    .map(|r| r.iter().enumerate().filter(|(k, _)| *k != c).map(|(_, v)| *v).collect())
+                    .collect();
+                (if c % 2 == 0 { 1 } else { -1 }) * rows[0][c] * laplace(&minor)
+            })
+            .sum()
+    }
+
+    struct Dice(u64);
+    impl Dice {
+        fn roll(&mut self, bits: u32) -> i64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> (64 - bits)) as i64 - (1 << (bits - 1))
+        }
+    }
+
+    /// The sums of products agree with a Laplace expansion where that fits 128 bits, also after scaling rows to full width.
+    #[test]
+    fn wide_sums_agree_with_laplace_expansion() {
+        let mut dice = Dice(7);
+        let mut signs = [0; 3];
+        for trial in 0..20_000 {
+            let bits = 2 + trial % 18;
+            let rows: Vec<[i64; 4]> = (0..4)
+                .map(|_| [dice.roll(bits), dice.roll(bits), dice.roll(bits), dice.roll(2 * bits)])
+                .collect();
+            let wide: Vec<Vec<i128>> =
+                rows.iter().map(|r| r.iter().map(|&v| i128::from(v)).collect()).collect();
+            // D = -G, see the module documentation.
+            let expected = -(laplace(&wide).signum() as i32);
+            for shift in [0, 52 - bits] {
+                let exact: Vec<ExactRow> = rows
+                    .iter()
+                    .map(|r| ExactRow {
+                        d: [r[0] << shift, r[1] << shift, r[2] << shift],
+                        l: i128::from(r[3]) << (2 * shift),
+                        grain: Some(0),
+                    })
+                    .collect();
+                let mut sum = Sum::default();
+                for k in 0..4 {
+                    let rest: Vec<&[i64; 3]> = (0..4).filter(|&j| j != k).map(|j| &exact[j].d).collect();
+                    let o = cubic(rest[0], rest[1], rest[2]);
+                    assert_eq!(
+                        side_exact(k, [rest[0], rest[1], rest[2]]),
+                        o.sign() * if k % 2 == 0 { 1 } else { -1 }
+                    );
+                    sum.add(if k % 2 == 0 { 1 } else { -1 }, o, exact[k].l);
+                }
+                assert_eq!(sum.sign(), expected);
+            }
+            signs[(expected + 1) as usize] += 1;
+            let float: Vec<Row> = rows
+                .iter()
+                .map(|r| Row {
+                    x: r[0] as f64,
+                    y: r[1] as f64,
+                    z: r[2] as f64,
+                    l: r[3] as f64,
+                    t: (r[3] as f64).abs(),
+                })
+                .collect();
+            let (value, bound) = power([&float[0], &float[1], &float[2], &float[3]]);
+            if value.abs() > bound {
+                assert_eq!(value.signum() as i32, expected);
+            }
+        }
+        assert!(signs.iter().all(|&s| s > 20), "the trial must meet both signs and ties: {signs:?}");
+    }
+}

@@ -1,0 +1,379 @@
+//! Incremental insertion (Bowyer-Watson): walk to the query, collect the pores in conflict, fill the hole with a star.
+//!
+//! Because walls are vertices at infinity along the axes, the pores cover the whole space from the first grain on:
+//! there is no outside to treat apart.
+
+use super::frame::Frame;
+use super::{FACET, NONE};
+use crate::predicates::{self, ExactQuery, ExactRow, Forms, Row};
+use std::collections::HashMap;
+
+/// A pore under construction. Vertices are grains `0..n` in insertion numbering or walls `n + face`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pore {
+    pub vertex: [u32; 4],
+    pub neighbour: [u32; 4],
+}
+
+/// Marks a free slot in [`Mesh::pores`] (as first vertex).
+pub(super) const FREE: u32 = u32::MAX;
+
+/// Up to this many vertices around a hole, its edges are matched in a square table, beyond in a hash map.
+const TABLE: usize = 512;
+
+/// A facet of the hole with the new pore on it.
+#[derive(Clone, Copy)]
+struct Facet {
+    vertex: [u32; 4],
+    near: [u32; 4],
+    /// Place of the query in `vertex`.
+    apex: usize,
+    outside: u32,
+    /// Facet of `outside` that looks here.
+    back: usize,
+}
+
+/// A vertex met during one insertion, seen from its query.
+#[derive(Clone, Copy)]
+struct Near {
+    row: Row,
+    vertex: u32,
+    /// Still a vertex after the insertion.
+    kept: bool,
+}
+
+pub(super) struct Mesh {
+    /// `[x, y, z, w]` of every grain, whole numbers.
+    points: Vec<[f64; 4]>,
+    /// Index of every grain in the user's numbering, for ties.
+    label: Vec<u32>,
+    size: [f64; 3],
+    forms: Forms,
+    /// A power of two near the distance of neighbours: wall rows are scaled by it so that the columns of the
+    /// determinants hold numbers of one magnitude (the filter needs that).
+    reach: f64,
+    pub pores: Vec<Pore>,
+    /// `2 i + 1` in conflict with, `2 i` tested against the `i`-th query.
+    stamp: Vec<u32>,
+    round: u32,
+    free: Vec<u32>,
+    last: u32,
+    /// Grains without a pore, insertion numbering.
+    pub hidden: Vec<u32>,
+    /// Place of each vertex in `near`, valid if that entry names the vertex.
+    place: Vec<u32>,
+    near: Vec<Near>,
+    hole: Vec<(u32, [u32; 4])>,
+    facets: Vec<Facet>,
+    table: Vec<u32>,
+    map: HashMap<(u32, u32), u32>,
+}
+
+impl Mesh {
+    pub fn new(points: Vec<[f64; 4]>, label: Vec<u32>, frame: &Frame, forms: Forms) -> Self {
+        let n = points.len();
+        let volume: f64 = frame.size.iter().product();
+        let spacing = (volume / n.max(1) as f64).cbrt().max(1.0);
+        Mesh {
+            label,
+            size: frame.size,
+            forms,
+            reach: spacing.log2().round().exp2(),
+            pores: Vec::with_capacity(7 * n + 8),
+            stamp: Vec::with_capacity(7 * n + 8),
+            round: 0,
+            free: Vec::new(),
+            last: 0,
+            hidden: Vec::new(),
+            place: vec![0; n + 6],
+            near: Vec::new(),
+            hole: Vec::new(),
+            facets: Vec::new(),
+            table: Vec::new(),
+            map: HashMap::new(),
+            points,
+        }
+    }
+
+    /// Eight octants around the first grain.
+    pub fn start(&mut self, grain: u32) {
+        let wall = self.points.len() as u32;
+        for octant in 0..8u32 {
+            let face = |axis: u32, high: u32| wall + 2 * axis + high;
+            let [x, y, z] = [octant & 1, octant >> 1 & 1, octant >> 2 & 1];
+            let mut vertex = [grain, face(0, x), face(1, y), face(2, z)];
+            let mut neighbour = [NONE, octant ^ 1, octant ^ 2, octant ^ 4];
+            if (x + y + z) % 2 == 0 {
+                // An odd number of normals points backwards.
+                vertex.swap(1, 2);
+                neighbour.swap(1, 2);
+            }
+            self.pores.push(Pore { vertex, neighbour });
+            self.stamp.push(0);
+        }
+    }
+
+    /// Inserts a grain; grains it hides, or itself if it is hidden, go to [`hidden`](Self::hidden).
+    pub fn insert(&mut self, grain: u32) {
+        let query = self.points[grain as usize];
+        let first = self.locate(query, self.last);
+        self.round += 2;
+        self.near.clear();
+        self.hole.clear();
+        self.facets.clear();
+        let near = self.look(first, query);
+        if !self.conflict(near, grain) {
+            self.hidden.push(grain);
+            return;
+        }
+        self.stamp[first as usize] = self.round + 1;
+        self.hole.push((first, near));
+        self.dig(grain, query);
+        self.hide();
+        self.fill();
+    }
+
+    /// The row of a vertex seen from a query.
+    #[inline(always)]
+    fn row(&self, vertex: u32, query: [f64; 4]) -> Row {
+        match self.points.get(vertex as usize) {
+            Some(&point) => predicates::grain_row(point, query),
+            None => self.wall_row(vertex as usize - self.points.len(), query),
+        }
+    }
+
+    fn wall_row(&self, face: usize, query: [f64; 4]) -> Row {
+        let axis = face / 2;
+        let (normal, distance) =
+            if face % 2 == 0 { (-1.0, query[axis]) } else { (1.0, self.size[axis] - query[axis]) };
+        let l = 2.0 * distance * self.reach;
+        let mut d = [0.0; 3];
+        d[axis] = normal * self.reach;
+        Row { x: d[0], y: d[1], z: d[2], l, t: l }
+    }
+
+    fn exact_row(&self, vertex: u32, grain: u32) -> ExactRow {
+        let query = self.points[grain as usize];
+        match self.points.get(vertex as usize) {
+            Some(p) => {
+                let d = [0, 1, 2].map(|k| (p[k] - query[k]) as i64);
+                let square: i128 = d.iter().map(|&c| i128::from(c) * i128::from(c)).sum();
+                let l = square - (p[3] as i128 - query[3] as i128);
+                ExactRow { d, l, grain: Some(self.label[vertex as usize]) }
+            }
+            None => {
+                let face = vertex as usize - self.points.len();
+                let axis = face / 2;
+                let mut d = [0; 3];
+                d[axis] = if face % 2 == 0 { -1 } else { 1 };
+                let distance = if face % 2 == 0 { query[axis] } else { self.size[axis] - query[axis] };
+                ExactRow { d, l: 2 * distance as i128, grain: None }
+            }
+        }
+    }
+
+    /// A pore that contains the query (on its boundary at worst), by the remembering visibility walk from a hint.
+    ///
+    /// The walk ends for any regular triangulation (H. Edelsbrunner, "An acyclicity theorem for cell complexes in
+    /// d dimensions", 1990), because the side tests are exact.
+    fn locate(&self, query: [f64; 4], hint: u32) -> u32 {
+        let (mut pore, mut from) = (hint, NONE);
+        let mut vertex = self.pores[pore as usize].vertex;
+        let mut rows = vertex.map(|v| self.row(v, query));
+        'walk: loop {
+            let Pore { neighbour, .. } = self.pores[pore as usize];
+            for k in 0..4 {
+                let next = neighbour[k];
+                if next == from || next == NONE {
+                    continue;
+                }
+                let [a, b, c] = FACET[k];
+                let (value, bound) = predicates::determinant(&rows[a], &rows[b], &rows[c]);
+                // In the order of FACET the determinant is the barycentric coordinate itself.
+                let outside =
+                    if value.abs() > bound { value < 0.0 } else { self.outside_exact(vertex, k, query) };
+                if outside {
+                    // Keep the three rows that the two pores share.
+                    let (old, old_rows) = (vertex, rows);
+                    vertex = self.pores[next as usize].vertex;
+                    for i in 0..4 {
+                        rows[i] = match old.iter().position(|&v| v == vertex[i]) {
+                            Some(j) => old_rows[j],
+                            None => self.row(vertex[i], query),
+                        };
+                    }
+                    (from, pore) = (pore, next);
+                    continue 'walk;
+                }
+            }
+            return pore;
+        }
+    }
+
+    #[cold]
+    fn outside_exact(&self, vertex: [u32; 4], k: usize, query: [f64; 4]) -> bool {
+        let d = |j: usize| match self.points.get(vertex[j] as usize) {
+            Some(p) => [0, 1, 2].map(|i| (p[i] - query[i]) as i64),
+            None => {
+                let face = vertex[j] as usize - self.points.len();
+                let mut d = [0; 3];
+                d[face / 2] = if face % 2 == 0 { -1 } else { 1 };
+                d
+            }
+        };
+        let [a, b, c] = match k {
+            0 => [1, 2, 3],
+            1 => [0, 2, 3],
+            2 => [0, 1, 3],
+            _ => [0, 1, 2],
+        };
+        predicates::side_exact(k, [&d(a), &d(b), &d(c)]) < 0
+    }
+
+    /// Places of the vertices of a pore in `near`.
+    #[inline(always)]
+    fn look(&mut self, pore: u32, query: [f64; 4]) -> [u32; 4] {
+        self.pores[pore as usize].vertex.map(|v| {
+            let place = self.place[v as usize];
+            if self.near.get(place as usize).is_some_and(|n| n.vertex == v) {
+                return place;
+            }
+            let place = self.near.len() as u32;
+            self.place[v as usize] = place;
+            self.near.push(Near { row: self.row(v, query), vertex: v, kept: false });
+            place
+        })
+    }
+
+    #[inline(always)]
+    fn conflict(&self, near: [u32; 4], grain: u32) -> bool {
+        let [a, b, c, d] = near.map(|k| &self.near[k as usize].row);
+        let (value, bound) = predicates::power([a, b, c, d]);
+        if value.abs() > bound { value > 0.0 } else { self.conflict_exact(near, grain) }
+    }
+
+    #[cold]
+    fn conflict_exact(&self, near: [u32; 4], grain: u32) -> bool {
+        let rows = near.map(|k| self.exact_row(self.near[k as usize].vertex, grain));
+        let p = self.points[grain as usize];
+        let query =
+            ExactQuery { place: [p[0] as i64, p[1] as i64, p[2] as i64], grain: self.label[grain as usize] };
+        predicates::conflict_exact(&rows, &query, &self.forms)
+    }
+
+    /// Collects all pores in conflict with the grain and the facets of the hole they leave.
+    fn dig(&mut self, grain: u32, query: [f64; 4]) {
+        let mut done = 0;
+        while done < self.hole.len() {
+            let (pore, near) = self.hole[done];
+            done += 1;
+            let Pore { vertex, neighbour } = self.pores[pore as usize];
+            for k in 0..4 {
+                let outside = neighbour[k];
+                let mut back = 0;
+                if outside != NONE {
+                    let stamp = self.stamp[outside as usize];
+                    if stamp == self.round + 1 {
+                        continue;
+                    }
+                    if stamp != self.round {
+                        let near = self.look(outside, query);
+                        if self.conflict(near, grain) {
+                            self.stamp[outside as usize] = self.round + 1;
+                            self.hole.push((outside, near));
+                            continue;
+                        }
+                        self.stamp[outside as usize] = self.round;
+                    }
+                    let sides = self.pores[outside as usize].neighbour;
+                    back = sides.iter().position(|&p| p == pore).unwrap_or(0);
+                }
+                let mut facet = Facet { vertex, near, apex: k, outside, back };
+                facet.vertex[k] = grain;
+                for j in (0..4).filter(|&j| j != k) {
+                    self.near[near[j] as usize].kept = true;
+                }
+                self.facets.push(facet);
+            }
+        }
+    }
+
+    /// Grains all of whose pores are in conflict get hidden.
+    fn hide(&mut self) {
+        for (_, near) in &self.hole {
+            for &k in near {
+                let near = &mut self.near[k as usize];
+                if !near.kept {
+                    near.kept = true; // report it once
+                    self.hidden.push(near.vertex);
+                }
+            }
+        }
+    }
+
+    /// Replaces the pores of the hole by one pore from each of its facets to the grain.
+    fn fill(&mut self) {
+        let side = self.near.len().next_power_of_two();
+        let table = side <= TABLE;
+        if table && self.table.len() < side * side {
+            self.table.resize(side * side, 0);
+        }
+        self.map.clear();
+        let mut reused = 0;
+        for f in 0..self.facets.len() {
+            let facet = self.facets[f];
+            let pore = if reused < self.hole.len() {
+                reused += 1;
+                self.hole[reused - 1].0
+            } else if let Some(free) = self.free.pop() {
+                free
+            } else {
+                self.pores.push(Pore { vertex: [FREE; 4], neighbour: [NONE; 4] });
+                self.stamp.push(0);
+                self.pores.len() as u32 - 1
+            };
+            let mut neighbour = [NONE; 4];
+            neighbour[facet.apex] = facet.outside;
+            self.pores[pore as usize] = Pore { vertex: facet.vertex, neighbour };
+            self.stamp[pore as usize] = 0;
+            if facet.outside != NONE {
+                self.pores[facet.outside as usize].neighbour[facet.back] = pore;
+            }
+            for (a, b, _) in edges(&facet) {
+                if table {
+                    self.table[a as usize * side + b as usize] = pore;
+                } else {
+                    self.map.insert((a, b), pore);
+                }
+            }
+            self.facets[f].outside = pore; // from here on: the pore on this facet
+        }
+        // The neighbour across an edge of the hole runs along it the other way.
+        for f in 0..self.facets.len() {
+            let facet = self.facets[f];
+            for (a, b, opposite) in edges(&facet) {
+                let other =
+                    if table { self.table[b as usize * side + a as usize] } else { self.map[&(b, a)] };
+                self.pores[facet.outside as usize].neighbour[opposite] = other;
+            }
+            self.last = facet.outside;
+        }
+        for &(pore, _) in &self.hole[reused..] {
+            self.pores[pore as usize].vertex[0] = FREE;
+            self.free.push(pore);
+        }
+    }
+
+    pub fn label(&self, vertex: u32) -> u32 {
+        let n = self.points.len() as u32;
+        if vertex < n { self.label[vertex as usize] } else { super::FIRST_WALL + (vertex - n) }
+    }
+}
+
+/// Directed edges of a facet of the hole, each with the place of the facet's third vertex.
+#[inline(always)]
+fn edges(facet: &Facet) -> [(u32, u32, usize); 3] {
+    let [a, b, c] = FACET[facet.apex];
+    let n = &facet.near;
+    [(n[a], n[b], c), (n[b], n[c], a), (n[c], n[a], b)]
+}
