@@ -7,6 +7,7 @@
 pub mod cell;
 pub mod order;
 mod predicates;
+pub mod throat;
 pub mod triangulation;
 pub use cell::Cell;
 pub use triangulation::{Triangulation, TriangulationError};

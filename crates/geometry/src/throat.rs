@@ -1,0 +1,577 @@
+//! The shape of pores and throats: radical centres, signed solid angles, void volumes, wetted surfaces, areas.
+//!
+//! A throat is the facet shared by two pores. Its three vertices are grains or walls; a wall counts as the point at
+//! infinity along its outward normal, cut off at the wall itself. So the facet is
+//!
+//! | vertices          | polygon                                                          |
+//! |-------------------|------------------------------------------------------------------|
+//! | 3 grains          | their triangle                                                   |
+//! | 2 grains, 1 wall  | the trapezoid down to their projections on the wall              |
+//! | 1 grain, 2 walls  | the rectangle between the grain and the edge where the walls meet |
+//!
+//! and the throat's region is the double pyramid on that polygon whose apexes are the radical centres of the two
+//! pores. Everything is signed by the side on which a centre lies, which makes the regions partition the sample
+//! exactly: over all throats the void volumes sum to the void, the wetted surfaces to the surface of the solid.
+
+use crate::cell::{Cell, NORMALS};
+use crate::triangulation::{FACET, NONE, Triangulation, Vertex, wall};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// A pore thinner than this (volume over the product of three edge lengths) is flat: its own radical centre is
+/// decided by rounding, so it takes a neighbour's. Random dense packings hold about one such pore in 10⁵.
+pub const FLAT: f64 = 1e-5;
+
+/// The packing a triangulation was made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Packing<'a> {
+    /// The region.
+    pub cell: &'a Cell,
+    /// Centres of the grains [m].
+    pub position: &'a [DVec3],
+    /// Radii of the grains [m].
+    pub radius: &'a [f64],
+}
+
+/// Radical (power) centre of every pore.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Centres {
+    /// Where each pore's pressure lives [m], in the frame of the pore's vertex shifts.
+    pub point: Vec<DVec3>,
+    /// Flat pores, each with the neighbour whose centre it took.
+    pub borrowed: Vec<[u32; 2]>,
+}
+
+/// A facet shared by two pores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Throat {
+    /// The two pores; the normal points from the first to the second.
+    pub pores: [u32; 2],
+    /// Which facet of the first pore it is.
+    pub facet: u8,
+    /// Its vertices, counter-clockwise seen from the second pore.
+    pub vertices: [Vertex; 3],
+    /// What to add to the second pore's shifts to bring it beside the first.
+    pub shift: [i8; 3],
+}
+
+/// Areas, volumes and surfaces of a throat. Entries of three belong to its three vertices.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shape {
+    /// Unit normal from the first pore to the second; zero where the facet has no area.
+    pub normal: DVec3,
+    /// Area of the whole polygon [m²].
+    pub area: f64,
+    /// Centroid of the polygon [m].
+    pub centroid: DVec3,
+    /// Distance between the two radical centres along the normal [m].
+    pub length: f64,
+    /// Facet angle at each grain [rad]; zero at walls.
+    pub angle: [f64; 3],
+    /// Area of the polygon that each grain covers [m²]: the sector `angle r²/2`, less what reaches past the other
+    /// edges; zero at walls.
+    pub covered: [f64; 3],
+    /// First moment of the covered area about the grain's centre [m³].
+    pub covered_moment: [DVec3; 3],
+    /// First moment of the whole sector about the grain's centre [m³]; over the facets of one pore that meet at a
+    /// grain, the sum of `normal x sector_moment` vanishes.
+    pub sector_moment: [DVec3; 3],
+    /// The polygon less the covered areas [m²].
+    pub fluid_area: f64,
+    /// Void volume of the double pyramid [m³].
+    pub void: f64,
+    /// Surface of each vertex in the double pyramid: of the sphere, or of the wall [m²].
+    pub surface: [f64; 3],
+}
+
+impl Packing<'_> {
+    /// The centre of vertex `k` of a pore, or `None` for a wall.
+    #[inline]
+    fn point(&self, mesh: &Triangulation, pore: usize, k: usize) -> Option<DVec3> {
+        let vertex = mesh.pores[pore][k];
+        if wall(vertex).is_some() {
+            return None;
+        }
+        let point = self.position[vertex as usize];
+        Some(if mesh.shifts.is_empty() { point } else { point + self.cell.shift(mesh.shifts[pore][k]) })
+    }
+}
+
+/// Direction from a grain at `x` to a vertex: the vector to another grain, the outward normal of a wall.
+#[inline]
+fn toward(x: DVec3, point: Option<DVec3>, vertex: Vertex) -> DVec3 {
+    match point {
+        Some(p) => p - x,
+        None => NORMALS[(vertex - crate::triangulation::FIRST_WALL) as usize],
+    }
+}
+
+/// Distance from `x` to the wall of `face`, positive inside [m].
+#[inline]
+fn depth(cell: &Cell, x: DVec3, face: usize) -> f64 {
+    let axis = face / 2;
+    (cell.wall_position(face) - x[axis]) * NORMALS[face][axis]
+}
+
+/// The radical centre of one pore and how thick the pore is (see [`FLAT`]).
+///
+/// In coordinates relative to one of its grains, of radius r, the centre y satisfies `2 b·y = |b|² - r_b² + r²` for
+/// another grain at b and `2 n·y = 2 depth` for a wall: three planes.
+fn radical_centre(packing: Packing, mesh: &Triangulation, pore: usize) -> (DVec3, f64) {
+    let vertices = mesh.pores[pore];
+    let points: [Option<DVec3>; 4] = std::array::from_fn(|k| packing.point(mesh, pore, k));
+    let base = points.iter().position(Option::is_some).unwrap_or(0);
+    let Some(origin) = points[base] else { return (DVec3::NAN, 0.0) };
+    let r = packing.radius[vertices[base] as usize];
+    let mut row = [DVec3::ZERO; 3];
+    let mut height = [0.0; 3];
+    let mut m = 0;
+    for k in (0..4).filter(|&k| k != base) {
+        row[m] = toward(origin, points[k], vertices[k]);
+        height[m] = match wall(vertices[k]) {
+            None => {
+                let other = packing.radius[vertices[k] as usize];
+                row[m].length_squared() + (r - other) * (r + other)
+            }
+            Some(face) => 2.0 * depth(packing.cell, origin, face),
+        };
+        m += 1;
+    }
+    let [b, c, d] = row;
+    let (cd, db, bc) = (c.cross(d), d.cross(b), b.cross(c));
+    let det = b.dot(cd);
+    let thickness = det.abs() / (b.length() * c.length() * d.length());
+    let y = (cd * height[0] + db * height[1] + bc * height[2]) / (2.0 * det);
+    (origin + y, if thickness.is_finite() { thickness } else { 0.0 })
+}
+
+/// Radical centres of all pores. A flat pore takes the centre of a neighbour, so that it forms one pore with it
+/// and the result does not depend on which way rounding tipped it.
+pub fn radical_centres(packing: Packing, mesh: &Triangulation) -> Centres {
+    let found: Vec<(DVec3, f64)> =
+        (0..mesh.pores.len()).into_par_iter().map(|pore| radical_centre(packing, mesh, pore)).collect();
+    let mut centres = Centres { point: found.iter().map(|f| f.0).collect(), borrowed: Vec::new() };
+    let mut waiting: Vec<u32> = (0..found.len() as u32).filter(|&i| found[i as usize].1 < FLAT).collect();
+    if waiting.is_empty() {
+        return centres;
+    }
+    let mut flat: Vec<bool> = found.iter().map(|f| f.1 < FLAT).collect();
+    // Flat pores can neighbour flat pores: let the centres spread from round to round.
+    while !waiting.is_empty() {
+        let mut settled = Vec::new();
+        for &pore in &waiting {
+            let lender = (0..4).find_map(|k| {
+                let other = mesh.neighbours[pore as usize][k];
+                (other != NONE && !flat[other as usize]).then_some((k, other))
+            });
+            if let Some((k, other)) = lender {
+                let shift = shift_to(mesh, pore as usize, k, other as usize);
+                centres.point[pore as usize] = centres.point[other as usize] + packing.cell.shift(shift);
+                centres.borrowed.push([pore, other]);
+                settled.push(pore);
+            }
+        }
+        if settled.is_empty() {
+            break; // every pore is flat: a single sheet of grains cannot be, its walls stand off
+        }
+        for pore in &settled {
+            flat[*pore as usize] = false;
+        }
+        waiting.retain(|&pore| flat[pore as usize]);
+    }
+    centres
+}
+
+/// What to add to the shifts of `other` to bring it beside `pore` across facet `k`.
+fn shift_to(mesh: &Triangulation, pore: usize, k: usize, other: usize) -> [i8; 3] {
+    if mesh.shifts.is_empty() {
+        return [0; 3];
+    }
+    // The facet's grains with their shifts, seen from both sides, differ by one common shift.
+    let mine = FACET[k].map(|m| (mesh.pores[pore][m], mesh.shifts[pore][m]));
+    for opposite in 0..4 {
+        if mesh.neighbours[other][opposite] != pore as u32 {
+            continue;
+        }
+        let theirs = FACET[opposite].map(|m| (mesh.pores[other][m], mesh.shifts[other][m]));
+        for anchor in mine.iter().filter(|v| wall(v.0).is_none()).take(1) {
+            for candidate in theirs.iter().filter(|v| v.0 == anchor.0) {
+                let shift: [i8; 3] = std::array::from_fn(|a| anchor.1[a] - candidate.1[a]);
+                let same = shift != [0; 3] || pore != other || opposite != k;
+                if same
+                    && mine.iter().all(|v| {
+                        theirs.iter().any(|w| {
+                            w.0 == v.0 && (wall(v.0).is_some() || (0..3).all(|a| w.1[a] + shift[a] == v.1[a]))
+                        })
+                    })
+                {
+                    return shift;
+                }
+            }
+        }
+    }
+    [0; 3]
+}
+
+/// Every facet shared by two pores, once, in the order of the lower pore.
+pub fn throats(mesh: &Triangulation) -> Vec<Throat> {
+    let mut throats = Vec::with_capacity(2 * mesh.pores.len());
+    for pore in 0..mesh.pores.len() {
+        for k in 0..4 {
+            let other = mesh.neighbours[pore][k];
+            if other == NONE || (other as usize) < pore {
+                continue;
+            }
+            let shift = shift_to(mesh, pore, k, other as usize);
+            // A pore beside its own image shares two facets with itself: keep the one seen in positive direction.
+            if other as usize == pore && shift < [0; 3] {
+                continue;
+            }
+            throats.push(Throat {
+                pores: [pore as u32, other],
+                facet: k as u8,
+                vertices: FACET[k].map(|m| mesh.pores[pore][m]),
+                shift,
+            });
+        }
+    }
+    throats
+}
+
+/// The numbers of one throat; `None` for the parts of vertices that are walls.
+pub fn shape(packing: Packing, mesh: &Triangulation, centres: &Centres, throat: &Throat) -> Shape {
+    let pore = throat.pores[0] as usize;
+    let order = FACET[throat.facet as usize];
+    let points: [Option<DVec3>; 3] = std::array::from_fn(|c| packing.point(mesh, pore, order[c]));
+    let first = centres.point[pore];
+    let second = centres.point[throat.pores[1] as usize] + packing.cell.shift(throat.shift);
+    shape_of(packing, throat.vertices, points, first, second)
+}
+
+/// The polygon of a facet: its corners (3 or 4), and its area as a vector along the outward normal.
+fn polygon(cell: &Cell, vertices: [Vertex; 3], points: [Option<DVec3>; 3]) -> ([DVec3; 4], usize, DVec3) {
+    let onto = |x: DVec3, face: usize| x + NORMALS[face] * depth(cell, x, face);
+    match points {
+        [Some(a), Some(b), Some(c)] => ([a, b, c, c], 3, 0.5 * (b - a).cross(c - a)),
+        _ => {
+            // Turn the triple until its walls stand last.
+            let grain = |k: usize| points[k % 3].is_some();
+            let s = (0..3).find(|&s| grain(s) && !grain(s + 2)).unwrap_or(0);
+            let at = |k: usize| (points[(s + k) % 3], vertices[(s + k) % 3]);
+            match (at(0), at(1), at(2)) {
+                ((Some(a), _), (Some(b), _), (None, w)) => {
+                    let face = wall(w).unwrap_or(0);
+                    let mean = 0.5 * (depth(cell, a, face) + depth(cell, b, face));
+                    ([a, b, onto(b, face), onto(a, face)], 4, mean * (b - a).cross(NORMALS[face]))
+                }
+                ((Some(a), _), (None, u), (None, v)) => {
+                    let (f, g) = (wall(u).unwrap_or(0), wall(v).unwrap_or(0));
+                    let area = depth(cell, a, f) * depth(cell, a, g) * NORMALS[f].cross(NORMALS[g]);
+                    ([a, onto(a, f), onto(onto(a, f), g), onto(a, g)], 4, area)
+                }
+                _ => ([DVec3::ZERO; 4], 3, DVec3::ZERO),
+            }
+        }
+    }
+}
+
+fn shape_of(
+    packing: Packing,
+    vertices: [Vertex; 3],
+    points: [Option<DVec3>; 3],
+    first: DVec3,
+    second: DVec3,
+) -> Shape {
+    let (corner, corners, area_vector) = polygon(packing.cell, vertices, points);
+    let area = area_vector.length();
+    let mut shape = Shape { area, ..Shape::default() };
+    if area == 0.0 {
+        return shape;
+    }
+    shape.normal = area_vector / area;
+    shape.length = (second - first).dot(shape.normal);
+    shape.centroid = if corners == 3 {
+        (corner[0] + corner[1] + corner[2]) / 3.0
+    } else {
+        let [a, b, c, d] = corner;
+        let (one, two) = ((b - a).cross(c - a).dot(shape.normal), (c - a).cross(d - a).dot(shape.normal));
+        (one * (a + b + c) + two * (a + c + d)) / (3.0 * (one + two))
+    };
+    shape.fluid_area = area;
+    shape.void = area * shape.length / 3.0;
+    for k in 0..3 {
+        let (next, previous) = ((k + 1) % 3, (k + 2) % 3);
+        match points[k] {
+            Some(x) => {
+                let r = packing.radius[vertices[k] as usize];
+                let u = toward(x, points[next], vertices[next]);
+                let v = toward(x, points[previous], vertices[previous]);
+                let angle = u.cross(v).dot(shape.normal).atan2(u.dot(v)).max(0.0);
+                shape.angle[k] = angle;
+                // The first moment of a sector is 2/3 r³ sin(angle/2) along the bisector.
+                let bisector = (u.normalize() + v.normalize()).normalize_or_zero();
+                shape.sector_moment[k] = bisector * (2.0 / 3.0 * r * r * r * (0.5 * angle).sin());
+                (shape.covered[k], shape.covered_moment[k]) = match covered(&corner[..corners], x, r) {
+                    Some(cut) => cut,
+                    None => (0.5 * angle * r * r, shape.sector_moment[k]),
+                };
+                shape.fluid_area -= shape.covered[k];
+                let solid_angle = double_cone(u, v, first - x, second - x);
+                shape.void -= solid_angle * r * r * r / 3.0;
+                shape.surface[k] = solid_angle * r * r;
+            }
+            None => {
+                // The wall's part of the region is a triangle or a kite: half the product of its diagonals.
+                let width = match (points[next], points[previous]) {
+                    (Some(a), Some(b)) => {
+                        let n = NORMALS[(vertices[k] - crate::triangulation::FIRST_WALL) as usize];
+                        (b - a).cross(n).length()
+                    }
+                    (Some(a), None) => depth(packing.cell, a, wall(vertices[previous]).unwrap_or(0)),
+                    (None, Some(a)) => depth(packing.cell, a, wall(vertices[next]).unwrap_or(0)),
+                    (None, None) => 0.0,
+                };
+                shape.surface[k] = 0.5 * width * shape.length;
+            }
+        }
+    }
+    shape
+}
+
+/// Area and first moment about `x` of the part of a convex polygon that the disc about its corner `x` covers;
+/// `None` if the disc reaches past no edge, so that the part is the whole sector.
+fn covered(corner: &[DVec3], x: DVec3, r: f64) -> Option<(f64, DVec3)> {
+    let n = corner.len();
+    let (mut area, mut moment, mut cut) = (0.0, DVec3::ZERO, false);
+    for k in 0..n {
+        let (p, q) = (corner[k] - x, corner[(k + 1) % n] - x);
+        let edge = (q - p).length();
+        // Edges that end at x span no triangle with it.
+        if p == DVec3::ZERO || q == DVec3::ZERO || edge == 0.0 {
+            continue;
+        }
+        let along = (q - p) / edge;
+        let (from, to) = (p.dot(along), q.dot(along));
+        let foot = p - along * from;
+        let height = foot.length();
+        let out = foot.normalize_or_zero();
+        // Along the edge, measured from the foot of the perpendicular: within the disc the part is a triangle,
+        // on either side a sector.
+        let half = (r * r - height * height).max(0.0).sqrt();
+        cut |= half > 0.0 && from < half && to > -half;
+        let (a, b) = (from.max(-half), to.min(half));
+        if b > a {
+            let triangle = 0.5 * height * (b - a);
+            area += triangle;
+            moment += triangle / 3.0 * (2.0 * foot + along * (a + b));
+        }
+        for (s, t) in [(from, to.min(-half)), (from.max(half), to)] {
+            if t > s {
+                let (begin, end) = (s.atan2(height), t.atan2(height));
+                area += 0.5 * r * r * (end - begin);
+                moment +=
+                    r * r * r / 3.0 * ((end.sin() - begin.sin()) * out + (begin.cos() - end.cos()) * along);
+            }
+        }
+    }
+    cut.then_some((area, moment))
+}
+
+/// Solid angle spanned by the directions `u`, `v` of a facet and the two apexes: that of the cone (u, v, second)
+/// less that of (u, v, first), each signed by the side of the facet (Van Oosterom & Strackee 1983). The facet's
+/// normal `u x v` points to the side of the second pore.
+fn double_cone(u: DVec3, v: DVec3, first: DVec3, second: DVec3) -> f64 {
+    let (lu, lv) = (u.length(), v.length());
+    let uv = u.dot(v);
+    let cross = u.cross(v);
+    // tan(half the solid angle) = triple product / real part; the difference of two angles is the argument of a
+    // product of complex numbers, which costs one arctangent in place of two.
+    let complex = |w: DVec3| {
+        let lw = w.length();
+        (lu * lv * lw + uv * lw + u.dot(w) * lv + v.dot(w) * lu, cross.dot(w))
+    };
+    let (re1, im1) = complex(first);
+    let (re2, im2) = complex(second);
+    2.0 * (im2 * re1 - re2 * im1).atan2(re1 * re2 + im1 * im2)
+}
+
+/// Shapes of all throats, in order.
+pub fn shapes(packing: Packing, mesh: &Triangulation, centres: &Centres, throats: &[Throat]) -> Vec<Shape> {
+    throats.par_iter().with_min_len(256).map(|throat| shape(packing, mesh, centres, throat)).collect()
+}
+
+/// Volume of each pore: the tetrahedron, or the prism between its grains and its walls [m³]; they sum to the cell.
+pub fn pore_volume(packing: Packing, mesh: &Triangulation, pore: usize) -> f64 {
+    let vertices = mesh.pores[pore];
+    let points: [Option<DVec3>; 4] = std::array::from_fn(|k| packing.point(mesh, pore, k));
+    let Some(base) = points.iter().position(Option::is_some) else { return 0.0 };
+    let Some(apex) = points[base] else { return 0.0 };
+    // Pyramids from one of its corners over the facets and wall faces that do not contain it. Walls first: the
+    // face on a wall has the area that closes the pore.
+    let mut volume = 0.0;
+    let mut closing = DVec3::ZERO;
+    for k in 0..4 {
+        let order = FACET[k];
+        let corners: [Option<DVec3>; 3] = std::array::from_fn(|c| points[order[c]]);
+        if corners.iter().all(Option::is_none) {
+            continue;
+        }
+        let (corner, _, area) = polygon(packing.cell, order.map(|m| vertices[m]), corners);
+        closing += area;
+        volume += area.dot(corner[0] - apex) / 3.0;
+    }
+    for &vertex in &vertices {
+        if let Some(face) = wall(vertex) {
+            volume -= closing.dot(NORMALS[face]) * depth(packing.cell, apex, face) / 3.0;
+        }
+    }
+    volume
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    /// A deterministic cloud of non-overlapping spheres with radii spread over `ratio`.
+    fn cloud(n: usize, ratio: f64, seed: u64) -> (Vec<DVec3>, Vec<f64>) {
+        let mut s = seed;
+        let mut random = move || {
+            s = s.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (s >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let (mut x, mut r): (Vec<DVec3>, Vec<f64>) = (Vec::new(), Vec::new());
+        while x.len() < n {
+            let radius = 0.06 * ratio.powf(-random());
+            let free = |v: f64| radius + v * (1.0 - 2.0 * radius);
+            let p = DVec3::new(free(random()), free(random()), free(random())) * DVec3::new(1.0, 1.2, 0.9)
+                + DVec3::new(0.3, -0.1, 5.0);
+            if x.iter().zip(&r).all(|(q, b): (&DVec3, &f64)| q.distance(p) > radius + b) {
+                x.push(p);
+                r.push(radius);
+            }
+        }
+        (x, r)
+    }
+
+    fn partition_error(cell: &Cell, x: &[DVec3], r: &[f64]) -> [f64; 4] {
+        let packing = Packing { cell, position: x, radius: r };
+        let mesh = Triangulation::new(cell, x, r).unwrap();
+        let centres = radical_centres(packing, &mesh);
+        let throats = throats(&mesh);
+        let shapes = shapes(packing, &mesh, &centres, &throats);
+        let box_volume = cell.volume();
+        let solid: f64 = r.iter().map(|r| 4.0 / 3.0 * PI * r.powi(3)).sum();
+        let surface: f64 = r.iter().map(|r| 4.0 * PI * r * r).sum();
+        let size = cell.upper() - cell.origin;
+        let walls = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
+        let pores: f64 = (0..mesh.pores.len()).map(|i| pore_volume(packing, &mesh, i)).sum();
+        let void: f64 = shapes.iter().map(|s| s.void).sum();
+        let (mut wet, mut wet_walls) = (0.0, 0.0);
+        for (throat, shape) in throats.iter().zip(&shapes) {
+            for k in 0..3 {
+                if wall(throat.vertices[k]).is_some() {
+                    wet_walls += shape.surface[k];
+                } else {
+                    wet += shape.surface[k];
+                }
+            }
+            assert!(shape.length >= -1e-9 && shape.fluid_area > 0.0, "{shape:?}");
+        }
+        [
+            (pores / box_volume - 1.0).abs(),
+            (void / (box_volume - solid) - 1.0).abs(),
+            (wet / surface - 1.0).abs(),
+            (wet_walls / walls - 1.0).abs(),
+        ]
+    }
+
+    #[test]
+    fn regions_partition_volume_void_and_surface() {
+        let cell = Cell::walled(DVec3::new(0.3, -0.1, 5.0), DVec3::new(1.3, 1.1, 5.9));
+        for (n, ratio) in [(1, 1.0), (2, 1.0), (7, 2.0), (300, 1.0), (400, 2.0), (600, 8.0)] {
+            for seed in 1..4 {
+                let (x, r) = cloud(n, ratio, seed);
+                for error in partition_error(&cell, &x, &r) {
+                    assert!(error < 1e-10, "{n} {ratio} {seed}: {error}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lattices_partition_too() {
+        let cell = Cell::walled(DVec3::ZERO, DVec3::splat(4.0));
+        let mut x = Vec::new();
+        for i in 0..64 {
+            x.push(DVec3::new((i % 4) as f64, (i / 4 % 4) as f64, (i / 16) as f64) + DVec3::splat(0.5));
+        }
+        for error in partition_error(&cell, &x, &[0.5; 64]) {
+            assert!(error < 1e-10, "{error}");
+        }
+    }
+
+    #[test]
+    fn a_disc_past_the_opposite_edge_is_cut() {
+        // Corner at the origin, opposite edge x = 0.5 from y = -1 to 1, unit disc: triangle of height 0.5.
+        let corner = [DVec3::ZERO, DVec3::new(0.5, -1.0, 0.0), DVec3::new(0.5, 1.0, 0.0)];
+        let (area, moment) = covered(&corner, DVec3::ZERO, 1.0).unwrap();
+        // By integration in polar angle: within |phi| < 60° the ray ends on the edge, beyond on the circle.
+        let n = 200_000;
+        let phi0 = 2.0_f64.atan();
+        let (mut a, mut mx) = (0.0, 0.0);
+        for i in 0..n {
+            let phi = phi0 * (2.0 * (i as f64 + 0.5) / n as f64 - 1.0);
+            let reach = (0.5 / phi.cos()).min(1.0);
+            a += 0.5 * reach * reach * 2.0 * phi0 / n as f64;
+            mx += reach.powi(3) / 3.0 * phi.cos() * 2.0 * phi0 / n as f64;
+        }
+        assert!((area - a).abs() < 1e-9 && (moment - DVec3::X * mx).length() < 1e-9, "{area} {a} {moment} {mx}");
+        assert!(covered(&corner, DVec3::ZERO, 0.49).is_none());
+    }
+
+    #[test]
+    fn centres_have_equal_power_and_boundary_centres_lie_on_walls() {
+        let cell = Cell::walled(DVec3::new(0.3, -0.1, 5.0), DVec3::new(1.3, 1.1, 5.9));
+        let (x, r) = cloud(300, 3.0, 9);
+        let packing = Packing { cell: &cell, position: &x, radius: &r };
+        let mesh = Triangulation::new(&cell, &x, &r).unwrap();
+        let centres = radical_centres(packing, &mesh);
+        assert!(centres.borrowed.is_empty());
+        for (vertices, p) in mesh.pores.iter().zip(&centres.point) {
+            let mut power = Vec::new();
+            for &v in vertices {
+                match wall(v) {
+                    Some(face) => assert!((p[face / 2] - cell.wall_position(face)).abs() < 1e-12),
+                    None => power.push((x[v as usize] - *p).length_squared() - r[v as usize].powi(2)),
+                }
+            }
+            assert!(power.iter().all(|w| (w - power[0]).abs() < 1e-9));
+        }
+    }
+
+    #[test]
+    fn sector_moments_close_around_each_grain_of_a_pore() {
+        let cell = Cell::walled(DVec3::new(0.3, -0.1, 5.0), DVec3::new(1.3, 1.1, 5.9));
+        let (x, r) = cloud(200, 3.0, 4);
+        let packing = Packing { cell: &cell, position: &x, radius: &r };
+        let mesh = Triangulation::new(&cell, &x, &r).unwrap();
+        let centres = radical_centres(packing, &mesh);
+        let mut sum = vec![[DVec3::ZERO; 4]; mesh.pores.len()];
+        for throat in throats(&mesh) {
+            let shape = shape(packing, &mesh, &centres, &throat);
+            for (side, sign) in [(0, 1.0), (1, -1.0)] {
+                let pore = throat.pores[side] as usize;
+                for k in 0..3 {
+                    let slot = mesh.pores[pore].iter().position(|&v| v == throat.vertices[k]).unwrap();
+                    sum[pore][slot] += sign * shape.sector_moment[k].cross(shape.normal);
+                }
+            }
+        }
+        for (vertices, sums) in mesh.pores.iter().zip(&sum) {
+            if vertices.iter().all(|&v| wall(v).is_none()) {
+                assert!(sums.iter().all(|s| s.length() < 1e-15), "{sums:?}");
+            }
+        }
+    }
+}
