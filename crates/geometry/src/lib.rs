@@ -2,7 +2,8 @@
 //!
 //! - [`cell`]: the region the grains live in, a box whose axes are walled or periodic;
 //! - [`order`]: numbering along a space-filling curve;
-//! - [`triangulation`]: the regular (weighted Delaunay) triangulation of the grains, exact, with the walls as vertices;
+//! - [`triangulation`]: the regular (weighted Delaunay) triangulation of the grains, exact, walls as vertices;
+//! - [`throat`]: areas, signed solid angles and void volumes of its throats.
 
 pub mod cell;
 pub mod order;

@@ -526,7 +526,10 @@ mod tests {
             a += 0.5 * reach * reach * 2.0 * phi0 / n as f64;
             mx += reach.powi(3) / 3.0 * phi.cos() * 2.0 * phi0 / n as f64;
         }
-        assert!((area - a).abs() < 1e-9 && (moment - DVec3::X * mx).length() < 1e-9, "{area} {a} {moment} {mx}");
+        assert!(
+            (area - a).abs() < 1e-9 && (moment - DVec3::X * mx).length() < 1e-9,
+            "{area} {a} {moment} {mx}"
+        );
         assert!(covered(&corner, DVec3::ZERO, 0.49).is_none());
     }
 
