@@ -99,6 +99,73 @@ pub(crate) fn power(r: [&Row; 4]) -> (f64, f64) {
     (value, POWER * bound)
 }
 
+/// The power sphere of a pore: centre (absolute) and power, so that a grain at `x` conflicts when
+/// `|x - centre|² - w < power`; the power is not a number where the centre is too inaccurate to use.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sphere {
+    centre: [f64; 3],
+    power: f64,
+}
+
+/// The power test by cached spheres: a fast filter in front of [`power`].
+///
+/// A centre is accepted if its error per component is below `eps h`, `eps = 2^-26` and `h` a typical distance of
+/// neighbours. With the centre wrong by `e` and the power chosen so that the newest vertex `q` lies on the sphere, the
+/// test value of `x` is wrong by `2 (x - q)·e`, at most `2 sqrt(3) eps h (|x - c| + |q - c|)`. Both distances are
+/// at most `sqrt(L)`, `L = |x - c|² + |power| + w_max` and `2 h sqrt(L) <= L + h²`, so that `2 sqrt(3) eps (L + h²)` bounds
+/// it; rounding errors are `10 u L`, nine digits below.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Filter {
+    accuracy: f64,
+    /// `w_max + h²`.
+    floor: f64,
+}
+
+impl Filter {
+    const EPSILON: f64 = 1.0 / (1u64 << 26) as f64;
+
+    /// For grains at a typical distance, with the largest weight.
+    pub fn new(distance: f64, largest: f64) -> Self {
+        Filter { accuracy: Self::EPSILON * distance, floor: largest + distance * distance }
+    }
+
+    /// The power sphere of the query and three rows.
+    #[inline(always)]
+    pub fn sphere(&self, a: &Row, b: &Row, c: &Row, query: [f64; 4]) -> Sphere {
+        let bc = [b.y * c.z - b.z * c.y, b.z * c.x - b.x * c.z, b.x * c.y - b.y * c.x];
+        let ca = [c.y * a.z - c.z * a.y, c.z * a.x - c.x * a.z, c.x * a.y - c.y * a.x];
+        let ab = [a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x];
+        let half = 0.5 / (a.x * bc[0] + a.y * bc[1] + a.z * bc[2]);
+        // The centre from the query solves 2 d·centre = l for the three rows.
+        let x = (a.l * bc[0] + b.l * ca[0] + c.l * ab[0]) * half;
+        let y = (a.l * bc[1] + b.l * ca[1] + c.l * ab[1]) * half;
+        let z = (a.l * bc[2] + b.l * ca[2] + c.l * ab[2]) * half;
+        let size = max3(
+            max3(a.x.abs(), a.y.abs(), a.z.abs()),
+            max3(b.x.abs(), b.y.abs(), b.z.abs()),
+            max3(c.x.abs(), c.y.abs(), c.z.abs()),
+        );
+        let t = max3(a.t, b.t, c.t);
+        // A component of the numerator has 6 products rounded at most 9 times, the determinant 60 u size³ (see above); one
+        // more rounding of the quotient, and 1/8 for adding the query, whose coordinates are below 2^50.
+        let error =
+            (120.0 * U) * (t + (x.abs() + y.abs() + z.abs()) * size) * (size * size) * half.abs() + 0.125;
+        let power = x * x + y * y + z * z - query[3];
+        Sphere {
+            centre: [query[0] + x, query[1] + y, query[2] + z],
+            power: if error < self.accuracy { power } else { f64::NAN },
+        }
+    }
+
+    /// `|x - centre|² - w - power` with a bound of its error.
+    #[inline(always)]
+    pub fn power(&self, sphere: &Sphere, x: [f64; 4]) -> (f64, f64) {
+        let d = [x[0] - sphere.centre[0], x[1] - sphere.centre[1], x[2] - sphere.centre[2]];
+        let s = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        (s - (x[3] + sphere.power), (4.0 * Self::EPSILON) * (s + sphere.power.abs() + self.floor))
+    }
+}
+
 /// A row in whole numbers: `|d| < 2^53`, `|l| < 2^122`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ExactRow {

@@ -41,44 +41,52 @@ pub(super) fn rotation(vertex: [u32; 4]) -> [usize; 4] {
 ///
 /// Pores around a grain are neighbours in memory, and follow the order of the grains.
 pub(super) fn number(mesh: &Mesh, grains: usize) -> Triangulation {
-    let live = || mesh.pores.iter().enumerate().filter(|(_, p)| p.vertex[0] != FREE);
-    let turned = |vertex: [u32; 4]| {
-        let labels = vertex.map(|v| mesh.label(v));
-        rotation(labels).map(|k| labels[k])
-    };
     // Counting sort by the first vertex, which is a grain in every pore.
     let mut start = vec![0u32; grains + 1];
-    for (_, pore) in live() {
-        start[turned(pore.vertex)[0] as usize + 1] += 1;
+    let mut turned = Vec::with_capacity(mesh.pores.len());
+    for (old, pore) in (0..).zip(&mesh.pores) {
+        if pore.vertex[0] != FREE {
+            let [a, b, c, d] = pore.vertex;
+            let label = [mesh.label(a), mesh.label(b), mesh.label(c), mesh.label(d)];
+            let [a, b, c, d] = rotation(label);
+            start[label[a] as usize + 1] += 1;
+            turned.push((
+                [label[a], label[b], label[c], label[d]],
+                old,
+                [a as u8, b as u8, c as u8, d as u8],
+            ));
+        }
     }
     for g in 0..grains {
         start[g + 1] += start[g];
     }
-    let mut sorted = vec![([0; 3], 0); start[grains] as usize];
+    let mut sorted = vec![([0; 4], 0u32, [0u8; 4]); turned.len()];
     let mut next = start.clone();
-    for (old, pore) in live() {
-        let [a, b, c, d] = turned(pore.vertex);
-        sorted[next[a as usize] as usize] = ([b, c, d], old as u32);
-        next[a as usize] += 1;
+    for entry in turned {
+        let place = &mut next[entry.0[0] as usize];
+        sorted[*place as usize] = entry;
+        *place += 1;
     }
     let mut number = vec![NONE; mesh.pores.len()];
-    let mut pores = Vec::with_capacity(sorted.len());
     for g in 0..grains {
         let group = &mut sorted[start[g] as usize..start[g + 1] as usize];
-        group.sort_unstable();
-        for &([b, c, d], old) in group.iter() {
-            number[old as usize] = pores.len() as u32;
-            pores.push([g as u32, b, c, d]);
-        }
+        group.sort_unstable_by_key(|entry| entry.0);
     }
-    let neighbours = sorted.iter().map(|&(_, old)| {
-        let pore = &mesh.pores[old as usize];
-        rotation(pore.vertex.map(|v| mesh.label(v))).map(|k| match pore.neighbour[k] {
-            NONE => NONE,
-            p => number[p as usize],
-        })
-    });
-    let neighbours = neighbours.collect();
+    let mut pores = Vec::with_capacity(sorted.len());
+    for (new, (vertex, old, _)) in (0..).zip(&sorted) {
+        number[*old as usize] = new;
+        pores.push(*vertex);
+    }
+    let mut neighbours = Vec::with_capacity(sorted.len());
+    for (_, old, turn) in &sorted {
+        let sides = mesh.pores[*old as usize].neighbour;
+        let mut across = [NONE; 4];
+        for k in 0..4 {
+            // NONE stays NONE.
+            across[k] = number.get(sides[turn[k] as usize] as usize).copied().unwrap_or(NONE);
+        }
+        neighbours.push(across);
+    }
     let mut hidden: Vec<u32> = mesh.hidden.iter().map(|&g| mesh.label(g)).collect();
     hidden.sort_unstable();
     Triangulation { pores, neighbours, shifts: Vec::new(), hidden }

@@ -26,6 +26,14 @@ fn power_of_two(k: i32) -> f64 {
     f64::from_bits(((k + 1023) as u64) << 52)
 }
 
+/// The nearest whole number, halves to even. (`f64::round` is a library call on plain x86-64: 4 % of the whole.)
+#[inline]
+fn whole(x: f64) -> f64 {
+    const BIG: f64 = (3u64 << 51) as f64;
+    // Beyond 2^51 the box is left, or half a step no longer matters.
+    if x.abs() < (1u64 << 51) as f64 { (x + BIG) - BIG } else { x.trunc() }
+}
+
 impl Frame {
     pub fn new(cell: &Cell) -> Result<Self, TriangulationError> {
         let upper = cell.upper();
@@ -63,7 +71,9 @@ impl Frame {
 
     /// The nearest grid point; rounding is monotone, so a grain inside the box stays inside.
     pub fn snap(&self, x: DVec3) -> [f64; 3] {
-        (x - self.origin).to_array().map(|c| (c * self.scale[0] * self.scale[1]).round())
+        let step = |c: f64| whole(c * self.scale[0] * self.scale[1]);
+        let d = x - self.origin;
+        [step(d.x), step(d.y), step(d.z)]
     }
 
     /// Coordinates and weight `r²` of a grain, whole numbers.
@@ -76,6 +86,6 @@ impl Frame {
             return Err(TriangulationError::Radius { grain });
         }
         let [x, y, z] = self.snap(x);
-        Ok([x, y, z, (radius * radius).round()])
+        Ok([x, y, z, whole(radius * radius)])
     }
 }

@@ -5,14 +5,18 @@
 
 use super::frame::Frame;
 use super::{FACET, NONE};
-use crate::predicates::{self, ExactQuery, ExactRow, Forms, Row};
+use crate::predicates::{self, ExactQuery, ExactRow, Filter, Forms, Row, Sphere};
 use std::collections::HashMap;
 
 /// A pore under construction. Vertices are grains `0..n` in insertion numbering or walls `n + face`.
+///
+/// One cache line: most tests read nothing else.
 #[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
 pub(super) struct Pore {
     pub vertex: [u32; 4],
     pub neighbour: [u32; 4],
+    pub sphere: Sphere,
 }
 
 /// Marks a free slot in [`Mesh::pores`] (as first vertex).
@@ -52,6 +56,7 @@ pub(super) struct Mesh {
     /// A power of two near the distance of neighbours: wall rows are scaled by it so that the columns of the
     /// determinants hold numbers of one magnitude (the filter needs that).
     reach: f64,
+    filter: Filter,
     pub pores: Vec<Pore>,
     /// `2 i + 1` in conflict with, `2 i` tested against the `i`-th query.
     stamp: Vec<u32>,
@@ -74,11 +79,14 @@ impl Mesh {
         let n = points.len();
         let volume: f64 = frame.size.iter().product();
         let spacing = (volume / n.max(1) as f64).cbrt().max(1.0);
+        let reach = spacing.log2().round().exp2();
+        let largest = points.iter().map(|p| p[3]).fold(0.0, f64::max);
         Mesh {
             label,
             size: frame.size,
             forms,
-            reach: spacing.log2().round().exp2(),
+            reach,
+            filter: Filter::new(reach, largest),
             pores: Vec::with_capacity(7 * n + 8),
             stamp: Vec::with_capacity(7 * n + 8),
             round: 0,
@@ -97,6 +105,7 @@ impl Mesh {
 
     /// Eight octants around the first grain.
     pub fn start(&mut self, grain: u32) {
+        let query = self.points[grain as usize];
         let wall = self.points.len() as u32;
         for octant in 0..8u32 {
             let face = |axis: u32, high: u32| wall + 2 * axis + high;
@@ -108,7 +117,9 @@ impl Mesh {
                 vertex.swap(1, 2);
                 neighbour.swap(1, 2);
             }
-            self.pores.push(Pore { vertex, neighbour });
+            let [a, b, c] = [1, 2, 3].map(|k| self.row(vertex[k], query));
+            let sphere = self.filter.sphere(&a, &b, &c, query);
+            self.pores.push(Pore { vertex, neighbour, sphere });
             self.stamp.push(0);
         }
     }
@@ -121,16 +132,16 @@ impl Mesh {
         self.near.clear();
         self.hole.clear();
         self.facets.clear();
-        let near = self.look(first, query);
-        if !self.conflict(near, grain) {
+        if !self.conflict(first, grain, query) {
             self.hidden.push(grain);
             return;
         }
         self.stamp[first as usize] = self.round + 1;
+        let near = self.look(first, query);
         self.hole.push((first, near));
         self.dig(grain, query);
         self.hide();
-        self.fill();
+        self.fill(query);
     }
 
     /// The row of a vertex seen from a query.
@@ -179,7 +190,10 @@ impl Mesh {
     fn locate(&self, query: [f64; 4], hint: u32) -> u32 {
         let (mut pore, mut from) = (hint, NONE);
         let mut vertex = self.pores[pore as usize].vertex;
-        let mut rows = vertex.map(|v| self.row(v, query));
+        let mut rows = [Row::default(); 4];
+        for k in 0..4 {
+            rows[k] = self.row(vertex[k], query);
+        }
         'walk: loop {
             let Pore { neighbour, .. } = self.pores[pore as usize];
             for k in 0..4 {
@@ -233,22 +247,36 @@ impl Mesh {
     /// Places of the vertices of a pore in `near`.
     #[inline(always)]
     fn look(&mut self, pore: u32, query: [f64; 4]) -> [u32; 4] {
-        self.pores[pore as usize].vertex.map(|v| {
-            let place = self.place[v as usize];
-            if self.near.get(place as usize).is_some_and(|n| n.vertex == v) {
-                return place;
-            }
-            let place = self.near.len() as u32;
-            self.place[v as usize] = place;
-            self.near.push(Near { row: self.row(v, query), vertex: v, kept: false });
-            place
-        })
+        let [a, b, c, d] = self.pores[pore as usize].vertex;
+        // Spelled out: the compiler does not inline a closure over the array.
+        [self.meet(a, query), self.meet(b, query), self.meet(c, query), self.meet(d, query)]
+    }
+
+    /// Place of a vertex in `near`.
+    #[inline(always)]
+    fn meet(&mut self, vertex: u32, query: [f64; 4]) -> u32 {
+        let place = self.place[vertex as usize];
+        if self.near.get(place as usize).is_some_and(|n| n.vertex == vertex) {
+            return place;
+        }
+        let place = self.near.len() as u32;
+        self.place[vertex as usize] = place;
+        self.near.push(Near { row: self.row(vertex, query), vertex, kept: false });
+        place
     }
 
     #[inline(always)]
-    fn conflict(&self, near: [u32; 4], grain: u32) -> bool {
-        let [a, b, c, d] = near.map(|k| &self.near[k as usize].row);
-        let (value, bound) = predicates::power([a, b, c, d]);
+    fn conflict(&mut self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
+        let (value, bound) = self.filter.power(&self.pores[pore as usize].sphere, query);
+        // The bound of an inaccurate sphere is not a number.
+        if value.abs() > bound { value < 0.0 } else { self.conflict_rows(pore, grain, query) }
+    }
+
+    #[cold]
+    fn conflict_rows(&mut self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
+        let near = self.look(pore, query);
+        let row = |k: usize| &self.near[near[k] as usize].row;
+        let (value, bound) = predicates::power([row(0), row(1), row(2), row(3)]);
         if value.abs() > bound { value > 0.0 } else { self.conflict_exact(near, grain) }
     }
 
@@ -267,7 +295,7 @@ impl Mesh {
         while done < self.hole.len() {
             let (pore, near) = self.hole[done];
             done += 1;
-            let Pore { vertex, neighbour } = self.pores[pore as usize];
+            let Pore { vertex, neighbour, .. } = self.pores[pore as usize];
             for k in 0..4 {
                 let outside = neighbour[k];
                 let mut back = 0;
@@ -277,9 +305,9 @@ impl Mesh {
                         continue;
                     }
                     if stamp != self.round {
-                        let near = self.look(outside, query);
-                        if self.conflict(near, grain) {
+                        if self.conflict(outside, grain, query) {
                             self.stamp[outside as usize] = self.round + 1;
+                            let near = self.look(outside, query);
                             self.hole.push((outside, near));
                             continue;
                         }
@@ -290,7 +318,7 @@ impl Mesh {
                 }
                 let mut facet = Facet { vertex, near, apex: k, outside, back };
                 facet.vertex[k] = grain;
-                for j in (0..4).filter(|&j| j != k) {
+                for j in FACET[k] {
                     self.near[near[j] as usize].kept = true;
                 }
                 self.facets.push(facet);
@@ -312,7 +340,7 @@ impl Mesh {
     }
 
     /// Replaces the pores of the hole by one pore from each of its facets to the grain.
-    fn fill(&mut self) {
+    fn fill(&mut self, query: [f64; 4]) {
         let side = self.near.len().next_power_of_two();
         let table = side <= TABLE;
         if table && self.table.len() < side * side {
@@ -328,13 +356,15 @@ impl Mesh {
             } else if let Some(free) = self.free.pop() {
                 free
             } else {
-                self.pores.push(Pore { vertex: [FREE; 4], neighbour: [NONE; 4] });
+                self.pores.push(Pore { vertex: [FREE; 4], neighbour: [NONE; 4], sphere: Sphere::default() });
                 self.stamp.push(0);
                 self.pores.len() as u32 - 1
             };
             let mut neighbour = [NONE; 4];
             neighbour[facet.apex] = facet.outside;
-            self.pores[pore as usize] = Pore { vertex: facet.vertex, neighbour };
+            let row = |k: usize| &self.near[facet.near[FACET[facet.apex][k]] as usize].row;
+            let sphere = self.filter.sphere(row(0), row(1), row(2), query);
+            self.pores[pore as usize] = Pore { vertex: facet.vertex, neighbour, sphere };
             self.stamp[pore as usize] = 0;
             if facet.outside != NONE {
                 self.pores[facet.outside as usize].neighbour[facet.back] = pore;
