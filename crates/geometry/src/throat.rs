@@ -87,7 +87,7 @@ pub struct Shape {
 impl Packing<'_> {
     /// The centre of vertex `k` of a pore, or `None` for a wall.
     #[inline]
-    fn point(&self, mesh: &Triangulation, pore: usize, k: usize) -> Option<DVec3> {
+    pub fn point(&self, mesh: &Triangulation, pore: usize, k: usize) -> Option<DVec3> {
         let vertex = mesh.pores[pore][k];
         if wall(vertex).is_some() {
             return None;
@@ -125,8 +125,7 @@ fn radical_centre(packing: Packing, mesh: &Triangulation, pore: usize) -> (DVec3
     let r = packing.radius[vertices[base] as usize];
     let mut row = [DVec3::ZERO; 3];
     let mut height = [0.0; 3];
-    let mut m = 0;
-    for k in (0..4).filter(|&k| k != base) {
+    for (m, k) in (0..4).filter(|&k| k != base).enumerate() {
         row[m] = toward(origin, points[k], vertices[k]);
         height[m] = match wall(vertices[k]) {
             None => {
@@ -135,7 +134,6 @@ fn radical_centre(packing: Packing, mesh: &Triangulation, pore: usize) -> (DVec3
             }
             Some(face) => 2.0 * depth(packing.cell, origin, face),
         };
-        m += 1;
     }
     let [b, c, d] = row;
     let (cd, db, bc) = (c.cross(d), d.cross(b), b.cross(c));

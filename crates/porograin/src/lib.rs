@@ -4,6 +4,7 @@ pub mod boundary;
 pub mod contact;
 pub mod grains;
 pub mod model;
+pub mod permeability;
 pub mod pores;
 pub mod state;
 

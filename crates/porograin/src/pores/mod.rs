@@ -1,5 +1,14 @@
 //! Water pore by pore: the pore-scale finite volume method (Catalano ch. 3; coupling of `physics` §3b).
 
+pub mod conductance;
+pub mod coupling;
+pub mod mesh;
+pub mod pressure;
+
+pub use conductance::Conductance;
+pub use mesh::{Census, Mesh, Walls};
+pub use pressure::System;
+
 use glam::DVec3;
 use porograin_geometry::Cell;
 use serde::{Deserialize, Serialize};
@@ -29,14 +38,6 @@ impl Default for Pores {
     }
 }
 
-/// How a throat conducts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Conductance {
-    /// Catalano 3.4-3.5.
-    HydraulicRadius,
-}
-
 /// When to make a new mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
@@ -52,15 +53,27 @@ impl Default for Remesh {
 }
 
 /// How to solve for the pressures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Default, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
     /// By size.
+    #[default]
     Auto,
     /// Sparse factorisation.
     Cholesky,
     /// Preconditioned conjugate gradients.
     Cg,
+}
+
+impl Solver {
+    /// The method of the linear solver.
+    pub fn method(self) -> porograin_linear::Method {
+        match self {
+            Solver::Auto => porograin_linear::Method::Auto,
+            Solver::Cholesky => porograin_linear::Method::Cholesky,
+            Solver::Cg => porograin_linear::Method::ConjugateGradients,
+        }
+    }
 }
 
 /// What a restart needs of the water: the mesh is made again from the grains as they were when it was made.

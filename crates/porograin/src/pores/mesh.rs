@@ -1,0 +1,378 @@
+//! The pores as a network: nodes joined by conductances, and the coupling of every pore with its grains and walls.
+
+use super::conductance::{Conductance, Passage};
+use super::coupling::coupling;
+use crate::boundary::Slip;
+use crate::grains::Loads;
+use glam::DVec3;
+use porograin_geometry::cell::NORMALS;
+use porograin_geometry::throat::{Packing, Shape, pore_volume, radical_centres, shape, throats};
+use porograin_geometry::triangulation::{FACET, FIRST_WALL, NONE, Triangulation, TriangulationError, wall};
+use porograin_linear::FIXED;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Pores whose radical centres are closer than this many mean radii of their throat's grains are one node.
+///
+/// The throat between them would conduct without bound; what is neglected is a resistance 10⁻⁴ of a typical one.
+const COINCIDENT: f64 = 1e-4;
+
+/// The node is free: no face holds its pressure.
+pub const FREE: u8 = u8::MAX;
+
+/// What the six walls are to the water.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Walls {
+    /// Whether the pressure is imposed there.
+    pub open: [bool; 6],
+    /// Whether the water sticks to it.
+    pub slip: [Slip; 6],
+}
+
+/// What was found while making a mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Census {
+    /// Pores (tetrahedra, prisms at the walls).
+    pub pores: usize,
+    /// Throats.
+    pub throats: usize,
+    /// Pores merged into a neighbour because their radical centres coincide.
+    pub merged: usize,
+    /// Flat pores among those.
+    pub flat: usize,
+    /// Throats that overlapping grains close.
+    pub closed: usize,
+}
+
+/// The pores, ready to carry water. A node is a pore, or several whose radical centres coincide.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    /// The triangulation it was made of.
+    pub triangulation: Triangulation,
+    /// Radical centre of each pore [m].
+    pub centre: Vec<DVec3>,
+    /// Volume of each pore when the mesh was made [m³].
+    pub volume: Vec<f64>,
+    /// The node of each pore.
+    pub node: Vec<u32>,
+    /// The face that holds the pressure of each node, or [`FREE`].
+    pub held: Vec<u8>,
+    /// The number of each node among the free ones, or [`FIXED`].
+    pub unknown: Vec<u32>,
+    /// Number of free nodes.
+    pub unknowns: usize,
+    /// The two nodes of each open throat.
+    pub links: Vec<[u32; 2]>,
+    /// `g / L` of each link [m³/(Pa s)].
+    pub conductance: Vec<f64>,
+    /// Force on each vertex of each pore per unit of its pressure [m²].
+    pub force: Vec<[DVec3; 4]>,
+    /// Torque on each vertex of each pore per unit of its pressure [m³].
+    pub torque: Vec<[DVec3; 4]>,
+    /// Where the slots of each grain begin in `slots`.
+    starts: Vec<u32>,
+    /// Slots `4 pore + vertex` by grain, in rising order.
+    slots: Vec<u32>,
+    /// Slots of wall vertices, in rising order.
+    wall_slots: Vec<u32>,
+    /// What was found.
+    pub census: Census,
+}
+
+impl Mesh {
+    /// Meshes the pores between the grains.
+    ///
+    /// # Errors
+    /// Those of the triangulation.
+    pub fn new(
+        packing: Packing,
+        walls: &Walls,
+        conductance: Conductance,
+        viscosity: f64,
+    ) -> Result<Mesh, TriangulationError> {
+        let triangulation = Triangulation::new(packing.cell, packing.position, packing.radius)?;
+        Ok(Mesh::from_triangulation(packing, triangulation, walls, conductance, viscosity))
+    }
+
+    /// The network of a given triangulation.
+    pub fn from_triangulation(
+        packing: Packing,
+        triangulation: Triangulation,
+        walls: &Walls,
+        conductance: Conductance,
+        viscosity: f64,
+    ) -> Mesh {
+        let centres = radical_centres(packing, &triangulation);
+        let throats = throats(&triangulation);
+        let pores = triangulation.pores.len();
+        let parts: Vec<Part> = throats
+            .par_iter()
+            .with_min_len(256)
+            .map(|throat| {
+                let shape = shape(packing, &triangulation, &centres, throat);
+                let passage = Passage { shape: &shape, vertices: throat.vertices, slip: &walls.slip };
+                let pore = throat.pores[0] as usize;
+                let points = FACET[throat.facet as usize].map(|m| packing.point(&triangulation, pore, m));
+                let coupled = coupling(packing, &passage, points, conductance);
+                let between = centres.point[throat.pores[1] as usize] + packing.cell.shift(throat.shift)
+                    - centres.point[pore];
+                Part {
+                    conductance: conductance.of(&passage, viscosity),
+                    coincide: between.length() < COINCIDENT * mean_radius(packing, throat.vertices),
+                    force: coupled.force,
+                    torque: coupled.torque,
+                    area: shape_area(&shape),
+                }
+            })
+            .collect();
+
+        let mut census =
+            Census { pores, throats: throats.len(), flat: centres.borrowed.len(), ..Census::default() };
+        let mut parent: Vec<u32> = (0..pores as u32).collect();
+        for (throat, part) in throats.iter().zip(&parts) {
+            if part.coincide {
+                let [a, b] = throat.pores.map(|p| root(&mut parent, p));
+                census.merged += usize::from(a != b);
+                parent[a.max(b) as usize] = a.min(b); // the lowest pore leads: nodes keep the order of pores
+            }
+        }
+        let mut node = vec![0u32; pores];
+        let mut held = Vec::with_capacity(pores);
+        for pore in 0..pores {
+            let leader = root(&mut parent, pore as u32) as usize;
+            if leader == pore {
+                node[pore] = held.len() as u32;
+                held.push(FREE);
+            } else {
+                node[pore] = node[leader];
+            }
+        }
+        for (pore, vertices) in triangulation.pores.iter().enumerate() {
+            for face in vertices.iter().filter_map(|&v| wall(v)).filter(|&f| walls.open[f]) {
+                // Where two open faces meet, the one named later rules: the top before the sides.
+                let holder = &mut held[node[pore] as usize];
+                *holder = if *holder == FREE { face as u8 } else { (*holder).max(face as u8) };
+            }
+        }
+        let mut unknowns = 0;
+        let unknown = held
+            .iter()
+            .map(|&face| {
+                if face != FREE {
+                    return FIXED;
+                }
+                unknowns += 1;
+                unknowns as u32 - 1
+            })
+            .collect();
+
+        let mut mesh = Mesh {
+            centre: centres.point,
+            volume: (0..pores)
+                .into_par_iter()
+                .map(|pore| pore_volume(packing, &triangulation, pore))
+                .collect(),
+            node,
+            held,
+            unknown,
+            unknowns,
+            links: Vec::with_capacity(throats.len()),
+            conductance: Vec::with_capacity(throats.len()),
+            force: vec![[DVec3::ZERO; 4]; pores],
+            torque: vec![[DVec3::ZERO; 4]; pores],
+            starts: Vec::new(),
+            slots: Vec::new(),
+            wall_slots: Vec::new(),
+            census,
+            triangulation,
+        };
+        let mut closing = vec![DVec3::ZERO; pores];
+        for (throat, part) in throats.iter().zip(&parts) {
+            let [i, j] = throat.pores.map(|p| p as usize);
+            let order = FACET[throat.facet as usize];
+            for k in 0..3 {
+                mesh.force[i][order[k]] += part.force[k];
+                mesh.torque[i][order[k]] += part.torque[k];
+                if let Some(slot) = mesh.triangulation.pores[j].iter().position(|&v| v == throat.vertices[k])
+                {
+                    mesh.force[j][slot] -= part.force[k];
+                    mesh.torque[j][slot] -= part.torque[k];
+                }
+            }
+            closing[i] += part.area;
+            closing[j] -= part.area;
+            let nodes = throat.pores.map(|p| mesh.node[p as usize]);
+            if nodes[0] != nodes[1] {
+                mesh.census.closed += usize::from(part.conductance == 0.0);
+                mesh.links.push(nodes);
+                mesh.conductance.push(part.conductance);
+            }
+        }
+        mesh.add_wall_faces(&closing);
+        mesh.index_slots(packing.position.len());
+        mesh
+    }
+
+    /// The face a pore has on a wall closes its surface; the pressure pushes it outwards.
+    fn add_wall_faces(&mut self, closing: &[DVec3]) {
+        for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
+            for (k, &vertex) in vertices.iter().enumerate() {
+                if let Some(face) = wall(vertex) {
+                    let normal = NORMALS[face];
+                    self.force[pore][k] += normal * -closing[pore].dot(normal);
+                }
+            }
+        }
+    }
+
+    fn index_slots(&mut self, grains: usize) {
+        self.starts = vec![0; grains + 1];
+        for &vertex in self.triangulation.pores.iter().flatten() {
+            if vertex < FIRST_WALL {
+                self.starts[vertex as usize + 1] += 1;
+            }
+        }
+        for i in 0..grains {
+            self.starts[i + 1] += self.starts[i];
+        }
+        let mut next = self.starts.clone();
+        self.slots = vec![0; self.starts[grains] as usize];
+        for (slot, &vertex) in self.triangulation.pores.iter().flatten().enumerate() {
+            if vertex < FIRST_WALL {
+                self.slots[next[vertex as usize] as usize] = slot as u32;
+                next[vertex as usize] += 1;
+            } else {
+                self.wall_slots.push(slot as u32);
+            }
+        }
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.held.len()
+    }
+
+    /// `Sᵀ (v, spin)`: the volume that moving grains and walls carry out of each node [m³/s], written to `out`
+    /// (length nodes).
+    pub fn carried(&self, velocity: &[DVec3], spin: &[DVec3], wall_velocity: &[DVec3; 6], out: &mut Carried) {
+        let per_pore = |pore: usize| {
+            let (force, torque) = (&self.force[pore], &self.torque[pore]);
+            let mut rate = 0.0;
+            for (k, &vertex) in self.triangulation.pores[pore].iter().enumerate() {
+                rate += match wall(vertex) {
+                    None => force[k].dot(velocity[vertex as usize]) + torque[k].dot(spin[vertex as usize]),
+                    Some(face) => force[k].dot(wall_velocity[face]),
+                };
+            }
+            rate
+        };
+        out.pore.resize(self.node.len(), 0.0);
+        out.pore
+            .par_iter_mut()
+            .with_min_len(1024)
+            .enumerate()
+            .for_each(|(pore, rate)| *rate = per_pore(pore));
+        out.node.clear();
+        out.node.resize(self.nodes(), 0.0);
+        for (pore, &node) in self.node.iter().enumerate() {
+            out.node[node as usize] += out.pore[pore];
+        }
+    }
+
+    /// `S p`: adds the forces and torques of the pressures of the nodes [Pa] to the loads.
+    ///
+    /// Each grain sums its pores in rising order, whether it gathers (threads) or is scattered to (one thread).
+    pub fn add_loads(&self, pressure: &[f64], loads: &mut Loads) {
+        if rayon::current_num_threads() == 1 {
+            for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
+                let p = pressure[self.node[pore] as usize];
+                let (force, torque) = (&self.force[pore], &self.torque[pore]);
+                for (k, &vertex) in vertices.iter().enumerate() {
+                    if vertex < FIRST_WALL {
+                        loads.force[vertex as usize] += p * force[k];
+                        loads.torque[vertex as usize] += p * torque[k];
+                    }
+                }
+            }
+        } else {
+            let slots =
+                |grain: usize| &self.slots[self.starts[grain] as usize..self.starts[grain + 1] as usize];
+            loads.force.par_iter_mut().zip(&mut loads.torque).with_min_len(256).enumerate().for_each(
+                |(grain, (total, turn))| {
+                    for &slot in slots(grain) {
+                        let (pore, k) = (slot as usize / 4, slot as usize % 4);
+                        let p = pressure[self.node[pore] as usize];
+                        *total += p * self.force[pore][k];
+                        *turn += p * self.torque[pore][k];
+                    }
+                },
+            );
+        }
+        for &slot in &self.wall_slots {
+            let (pore, k) = (slot as usize / 4, slot as usize % 4);
+            let face = (self.triangulation.pores[pore][k] - FIRST_WALL) as usize;
+            loads.wall[face] += pressure[self.node[pore] as usize] * self.force[pore][k];
+        }
+    }
+
+    /// The largest change of a pore's volume since the mesh was made, relative to that volume [-]; with the pore.
+    ///
+    /// Pores thinner than a quarter of the mean count as a quarter of the mean: the relative change of a sliver
+    /// says nothing about the packing.
+    pub fn strain(&self, packing: Packing) -> (f64, usize) {
+        let mean = self.volume.iter().sum::<f64>() / self.volume.len().max(1) as f64;
+        (0..self.volume.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|pore| {
+                let now = pore_volume(packing, &self.triangulation, pore);
+                ((now - self.volume[pore]).abs() / self.volume[pore].max(0.25 * mean), pore)
+            })
+            .reduce(|| (0.0, 0), |a, b| if b.0 > a.0 || (b.0 == a.0 && b.1 < a.1) { b } else { a })
+    }
+
+    /// Pores across the facets of a pore.
+    pub fn neighbours(&self, pore: usize) -> impl Iterator<Item = usize> + '_ {
+        self.triangulation.neighbours[pore].iter().filter(|&&p| p != NONE).map(|&p| p as usize)
+    }
+}
+
+/// Volumes carried out of pores and nodes per second [m³/s].
+#[derive(Clone, Debug, Default)]
+pub struct Carried {
+    /// Out of each pore.
+    pub pore: Vec<f64>,
+    /// Out of each node.
+    pub node: Vec<f64>,
+}
+
+/// What one throat contributes.
+struct Part {
+    conductance: f64,
+    coincide: bool,
+    force: [DVec3; 3],
+    torque: [DVec3; 3],
+    area: DVec3,
+}
+
+fn shape_area(shape: &Shape) -> DVec3 {
+    shape.area * shape.normal
+}
+
+fn mean_radius(packing: Packing, vertices: [u32; 3]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for v in vertices.into_iter().filter(|&v| v < FIRST_WALL) {
+        sum += packing.radius[v as usize];
+        count += 1.0;
+    }
+    sum / count
+}
+
+/// The leader of a pore's set.
+fn root(parent: &mut [u32], mut pore: u32) -> u32 {
+    while parent[pore as usize] != pore {
+        parent[pore as usize] = parent[parent[pore as usize] as usize];
+        pore = parent[pore as usize];
+    }
+    pore
+}
