@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 use porograin_geometry::Cell;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 /// Names of the six faces as case files spell them, in face order.
@@ -56,7 +58,8 @@ impl Default for Face {
 }
 
 /// How a wall moves.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Solid {
     /// It stays where it is.
     Fixed,
@@ -78,7 +81,8 @@ pub enum Solid {
 }
 
 /// What the water meets at a face.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Water {
     /// No flow through the face.
     Sealed,
@@ -125,6 +129,61 @@ pub enum Signal {
     },
     /// Straight lines between points `[t, value]`, constant outside.
     Table(Vec<[f64; 2]>),
+}
+
+impl<'de> Deserialize<'de> for Signal {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        /// The choices that are written as a table; `untagged` would lose the place of an error inside.
+        #[derive(Deserialize)]
+        #[serde(rename_all = "kebab-case")]
+        enum Varying {
+            Ramp(Ramp),
+            Sine(Sine),
+            Table(Vec<[f64; 2]>),
+        }
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Ramp {
+            from: f64,
+            to: f64,
+            #[serde(default)]
+            start: f64,
+            end: f64,
+        }
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Sine {
+            #[serde(default)]
+            mean: f64,
+            amplitude: f64,
+            period: f64,
+            #[serde(default)]
+            start: f64,
+        }
+        struct NumberOrTable;
+        impl<'de> Visitor<'de> for NumberOrTable {
+            type Value = Signal;
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("a number or a table such as { ramp = { from = 0, to = 1, end = 2 } }")
+            }
+            fn visit_f64<E>(self, value: f64) -> Result<Signal, E> {
+                Ok(Signal::Constant(value))
+            }
+            fn visit_i64<E>(self, value: i64) -> Result<Signal, E> {
+                Ok(Signal::Constant(value as f64))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Signal, A::Error> {
+                Ok(match Varying::deserialize(MapAccessDeserializer::new(map))? {
+                    Varying::Ramp(Ramp { from, to, start, end }) => Signal::Ramp { from, to, start, end },
+                    Varying::Sine(Sine { mean, amplitude, period, start }) => {
+                        Signal::Sine { mean, amplitude, period, start }
+                    }
+                    Varying::Table(points) => Signal::Table(points),
+                })
+            }
+        }
+        deserializer.deserialize_any(NumberOrTable)
+    }
 }
 
 impl Signal {

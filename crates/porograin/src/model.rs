@@ -4,6 +4,7 @@ use crate::boundary::Face;
 use crate::contact::Law;
 use crate::pores::Pores;
 use glam::DVec3;
+use serde::Deserialize;
 
 /// Everything a step reads besides the state.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +26,8 @@ pub struct Model {
 }
 
 /// How long a step is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum TimeStep {
     /// `safety` times the stability limit, renewed every [`RENEW_EVERY`] steps.
     Automatic {
@@ -36,23 +38,43 @@ pub enum TimeStep {
     Fixed(f64),
 }
 
+impl Default for TimeStep {
+    fn default() -> Self {
+        TimeStep::Automatic { safety: 0.8 }
+    }
+}
+
 /// Steps between two looks at the stability limit.
 pub const RENEW_EVERY: u64 = 100;
 
 /// The water in the pores.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FluidModel {
     /// Dynamic viscosity [Pa s].
     pub viscosity: f64,
     /// [kg/m³]
+    #[serde(default = "water")]
     pub density: f64,
     /// How its flow is computed.
+    #[serde(default)]
     pub flow: Flow,
 }
 
+fn water() -> f64 {
+    1000.0
+}
+
 /// The choice of flow model.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Flow {
     /// Pore by pore (Catalano ch. 3).
     Pores(Pores),
+}
+
+impl Default for Flow {
+    fn default() -> Self {
+        Flow::Pores(Pores::default())
+    }
 }

@@ -18,7 +18,8 @@ pub struct Contacts {
 }
 
 /// The choice of contact law; matched once per step, not per pair.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Law {
     /// Linear springs with Coulomb friction.
     Linear(Linear),

@@ -1,0 +1,276 @@
+//! Case files: what a user writes, read straight into the values the simulation works with.
+//!
+//! A case is TOML with SI numbers; a table is a type, a key is a field, a choice is named by its key
+//! (`[contact.linear]`, `flow = { pores = … }`). Unknown keys are refused. Angles are in degrees.
+
+mod build;
+mod check;
+mod error;
+mod source;
+mod stage;
+
+pub use build::{Plan, Stage};
+pub use error::{CaseError, Place};
+pub use stage::{StageTable, Until, Water as StageWater};
+
+use crate::boundary::{FACE_NAMES, Face, Slip, Solid, Water};
+use crate::contact::Law;
+use crate::model::{FluidModel, TimeStep};
+use crate::watch::Watch;
+use serde::{Deserialize, Serialize};
+use source::Source;
+use std::path::{Path, PathBuf};
+
+/// A case as written: a domain and its faces, grains, a contact law, water, and the stages to go through.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Case {
+    /// One line that says what it is.
+    pub title: String,
+    /// The box.
+    pub domain: DomainTable,
+    /// How the grains are made.
+    pub grains: GrainsTable,
+    /// The law of every contact.
+    pub contact: Law,
+    /// Rules of the six faces; stages may override them.
+    #[serde(default)]
+    pub face: FaceTable,
+    /// Acceleration [m/s²].
+    #[serde(default)]
+    pub gravity: [f64; 3],
+    /// Cundall's local damping, from 0 to 1; by default 0.2 in dry stages and 0 with water.
+    pub damping: Option<f64>,
+    /// How long a step is.
+    #[serde(default)]
+    pub time_step: TimeStep,
+    /// The water.
+    pub fluid: Option<FluidModel>,
+    /// What to do, in order.
+    pub stage: Vec<StageTable>,
+    /// What to write into `history.csv`.
+    #[serde(default)]
+    pub watch: Vec<Watch>,
+    /// What else to write, and how often.
+    #[serde(default)]
+    pub output: OutputTable,
+    #[serde(skip)]
+    source: Source,
+    #[serde(skip)]
+    folder: PathBuf,
+}
+
+/// The box in which it happens.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct DomainTable {
+    /// Lengths of the edges [m].
+    pub size: [f64; 3],
+    /// The low corner [m].
+    #[serde(default)]
+    pub origin: [f64; 3],
+}
+
+/// How the grains are made.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct GrainsTable {
+    /// Where they are and how big.
+    pub packing: Packing,
+    /// Of the solid [kg/m³].
+    pub density: f64,
+}
+
+/// The choice of initial packing.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Packing {
+    /// Grains thrown at random into the box without touching each other.
+    Cloud(Cloud),
+    /// Equal grains on a simple cubic lattice.
+    Lattice(Lattice),
+    /// Grains of a CSV file `x,y,z,r`, lines starting with `#` ignored.
+    File(String),
+}
+
+/// Names of the packings as case files spell them, and what they are.
+pub const PACKINGS: [(&str, &str); 3] = [
+    ("cloud", "grains thrown at random into the box, not touching"),
+    ("lattice", "equal grains on a simple cubic lattice"),
+    ("file", "grains of a CSV file x,y,z,r"),
+];
+
+/// Grains thrown at random into the box.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Cloud {
+    /// How many.
+    pub count: usize,
+    /// Radii are uniform within `mean (1 ± spread)`.
+    #[serde(default)]
+    pub spread: f64,
+    /// The same number gives the same cloud.
+    #[serde(default)]
+    pub seed: u64,
+    /// Void part of the box.
+    #[serde(default = "loose")]
+    pub porosity: f64,
+}
+
+fn loose() -> f64 {
+    0.75
+}
+
+/// Equal grains on a simple cubic lattice that fills the box.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Lattice {
+    /// How many along x, y and z.
+    pub count: [usize; 3],
+    /// Of every grain [m].
+    pub radius: f64,
+}
+
+/// Rules of the faces: first `all`, then `sides` (left, right, front, back), then the faces by name.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+pub struct FaceTable {
+    /// All six faces.
+    pub all: Option<FaceRule>,
+    /// The four vertical faces.
+    pub sides: Option<FaceRule>,
+    /// Low x.
+    pub left: Option<FaceRule>,
+    /// High x.
+    pub right: Option<FaceRule>,
+    /// Low y.
+    pub front: Option<FaceRule>,
+    /// High y.
+    pub back: Option<FaceRule>,
+    /// Low z.
+    pub bottom: Option<FaceRule>,
+    /// High z.
+    pub top: Option<FaceRule>,
+}
+
+/// What a case says of a face; what it leaves out stays as it was.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+pub struct FaceRule {
+    /// How the wall moves; at first fixed.
+    pub solid: Option<Solid>,
+    /// What the water meets; at first sealed.
+    pub water: Option<Water>,
+    /// Whether the water sticks; at first symmetry.
+    pub slip: Option<Slip>,
+    /// Friction angle with the grains [degrees]; at first 0.
+    pub friction: Option<f64>,
+}
+
+/// What is written besides the history.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+pub struct OutputTable {
+    /// When to write grains and pores for ParaView; the end of every stage is always written.
+    pub vtk: Option<crate::watch::Every>,
+    /// Seconds of wall time between checkpoints; the end of every stage is always one.
+    pub checkpoint: f64,
+}
+
+impl Default for OutputTable {
+    fn default() -> Self {
+        OutputTable { vtk: None, checkpoint: 60.0 }
+    }
+}
+
+impl FaceTable {
+    /// Applies the rules to `faces`.
+    pub fn apply(&self, faces: &mut [Face; 6]) {
+        for (_, rule, which) in self.rules() {
+            for k in which {
+                rule.apply(&mut faces[k]);
+            }
+        }
+    }
+
+    /// The rules given, with their key and the faces they speak of, in the order they apply.
+    pub fn rules(&self) -> impl Iterator<Item = (&'static str, &FaceRule, std::ops::Range<usize>)> {
+        let named = [&self.left, &self.right, &self.front, &self.back, &self.bottom, &self.top];
+        let named = named.into_iter().enumerate().map(|(k, rule)| (FACE_NAMES[k], rule, k..k + 1));
+        [("all", &self.all, 0..6), ("sides", &self.sides, 0..4)]
+            .into_iter()
+            .chain(named)
+            .filter_map(|(key, rule, which)| Some((key, rule.as_ref()?, which)))
+    }
+}
+
+impl FaceRule {
+    fn apply(&self, face: &mut Face) {
+        if let Some(solid) = &self.solid {
+            face.solid = solid.clone();
+        }
+        if let Some(water) = &self.water {
+            face.water = water.clone();
+        }
+        face.slip = self.slip.unwrap_or(face.slip);
+        face.friction = self.friction.unwrap_or(face.friction);
+    }
+}
+
+impl Case {
+    /// Reads a case file, applies the overrides `key.key=value` in order, and checks what can be checked without
+    /// making the grains.
+    ///
+    /// # Errors
+    /// Whatever is wrong with it, with the place in the file.
+    pub fn from_file(path: &Path, overrides: &[String]) -> Result<Self, CaseError> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| CaseError::new(format!("cannot read the case {name}: {}", reason(&e))))?;
+        let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
+        Self::from_text(&name, &text, &folder, overrides)
+    }
+
+    /// The same of a text; files it names are looked up in `folder`.
+    pub fn from_text(name: &str, text: &str, folder: &Path, overrides: &[String]) -> Result<Self, CaseError> {
+        if text.trim().is_empty() {
+            return Err(CaseError::new(format!("the case {name} is empty")));
+        }
+        let source = Source::new(name, text, overrides)?;
+        let mut case: Case = source.read()?;
+        case.source = source;
+        case.folder = folder.to_owned();
+        case.check()?;
+        Ok(case)
+    }
+
+    /// The text of the case as run, overrides applied.
+    pub fn text(&self) -> &str {
+        &self.source.text
+    }
+
+    /// The name of the case: of its file, or of the file's folder when the file is called `case.toml`.
+    pub fn name(&self) -> String {
+        let path = Path::new(&self.source.name);
+        let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned());
+        match stem(path) {
+            Some(name) if name != "case" => name,
+            _ => path
+                .canonicalize()
+                .ok()
+                .and_then(|p| p.parent().and_then(stem))
+                .unwrap_or_else(|| "case".into()),
+        }
+    }
+}
+
+/// An input-output error as a few words for a sentence.
+pub(crate) fn reason(error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => "there is no such file".into(),
+        std::io::ErrorKind::PermissionDenied => "permission denied".into(),
+        std::io::ErrorKind::IsADirectory => "it is a folder".into(),
+        std::io::ErrorKind::InvalidData => "it is not text".into(),
+        _ => error.to_string(),
+    }
+}

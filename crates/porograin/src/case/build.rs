@@ -1,0 +1,149 @@
+//! From a case to what a simulation starts with: the state, the model of each stage, and when each stage ends.
+
+use super::{Case, CaseError, Cloud, Lattice, Packing, StageWater, Until, reason};
+use crate::boundary::Domain;
+use crate::contact::{Contacts, Law};
+use crate::grains::Grains;
+use crate::import;
+use crate::model::Model;
+use crate::state::State;
+use glam::DVec3;
+
+/// Local damping of a dry stage when the case does not say (Catalano 2.15).
+const DRY_DAMPING: f64 = 0.2;
+
+/// What a simulation of a case starts with.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The state at time 0.
+    pub state: State,
+    /// The stages in order.
+    pub stages: Vec<Stage>,
+}
+
+/// One stage, complete.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// Its name.
+    pub name: String,
+    /// What a step reads during it; `stage_start` is set when the stage begins.
+    pub model: Model,
+    /// When it ends.
+    pub until: Until,
+    /// Whether to compare it with Terzaghi's theory.
+    pub consolidation: bool,
+}
+
+impl Case {
+    /// The model of stage `k`, which begins at time `start`: the case with the overrides of the stage.
+    pub fn model(&self, k: usize, start: f64) -> Model {
+        let stage = &self.stage[k];
+        let mut contact = stage.contact.clone().unwrap_or_else(|| self.contact.clone());
+        if let Some(angle) = stage.friction {
+            match &mut contact {
+                Law::Linear(linear) => linear.friction = angle,
+            }
+        }
+        let mut faces = Default::default();
+        self.face.apply(&mut faces);
+        stage.face.apply(&mut faces);
+        let fluid = match &stage.fluid {
+            Some(StageWater::Present(false)) => None,
+            Some(StageWater::Present(true)) | None => self.fluid.clone(),
+            Some(StageWater::Other(liquid)) => self.fluid.clone().map(|mut fluid| {
+                fluid.viscosity = liquid.viscosity.unwrap_or(fluid.viscosity);
+                fluid.density = liquid.density.unwrap_or(fluid.density);
+                fluid.flow = liquid.flow.clone().unwrap_or(fluid.flow);
+                fluid
+            }),
+        };
+        let default_damping = if fluid.is_some() { 0.0 } else { DRY_DAMPING };
+        Model {
+            time_step: stage.time_step.unwrap_or(self.time_step),
+            gravity: DVec3::from_array(stage.gravity.unwrap_or(self.gravity)),
+            contact,
+            damping: stage.damping.or(self.damping).unwrap_or(default_damping),
+            faces,
+            fluid,
+            stage_start: start,
+        }
+    }
+
+    /// The low and the high corner of the box [m].
+    pub fn corners(&self) -> (DVec3, DVec3) {
+        let lower = DVec3::from_array(self.domain.origin);
+        (lower, lower + DVec3::from_array(self.domain.size))
+    }
+
+    /// Makes the grains and the stages.
+    ///
+    /// # Errors
+    /// A grain file that cannot be read, grains outside the box, too big for it or deep inside each other.
+    pub fn plan(&self) -> Result<Plan, CaseError> {
+        let (lower, upper) = self.corners();
+        let grains = self.make_grains()?;
+        let stages = self
+            .stage
+            .iter()
+            .enumerate()
+            .map(|(k, stage)| Stage {
+                name: stage.name.clone(),
+                model: self.model(k, 0.0),
+                until: stage.until.clone(),
+                consolidation: stage.consolidation,
+            })
+            .collect();
+        let state = State {
+            time: 0.0,
+            step: 0,
+            dt: 0.0,
+            domain: Domain::walled(lower, upper),
+            grains,
+            contacts: Contacts::default(),
+            fluid: None,
+        };
+        Ok(Plan { state, stages })
+    }
+
+    fn make_grains(&self) -> Result<Grains, CaseError> {
+        let (lower, upper) = self.corners();
+        let density = self.grains.density;
+        match &self.grains.packing {
+            Packing::Lattice(lattice) => Ok(fill(lattice, lower, upper, density)),
+            Packing::Cloud(cloud) => self.make_cloud(cloud),
+            Packing::File(file) => {
+                let path = self.folder.join(file);
+                let name = path.display().to_string();
+                let text = std::fs::read_to_string(&path).map_err(|e| {
+                    self.source.fault(
+                        "grains.packing.file",
+                        format!("cannot read the grain file {name}: {}", reason(&e)),
+                    )
+                })?;
+                let spheres = import::spheres(&name, &text)?;
+                spheres.within(&name, &text, lower, upper)?;
+                Ok(Grains::at_rest(spheres.position, spheres.radius, density))
+            }
+        }
+    }
+
+    fn make_cloud(&self, _cloud: &Cloud) -> Result<Grains, CaseError> {
+        Err(self.source.fault("grains.packing.cloud", "clouds are not made yet"))
+    }
+}
+
+/// The lattice, centred in the box.
+fn fill(lattice: &Lattice, lower: DVec3, upper: DVec3, density: f64) -> Grains {
+    let [nx, ny, nz] = lattice.count;
+    let pitch = (upper - lower) / DVec3::new(nx as f64, ny as f64, nz as f64);
+    let mut position = Vec::with_capacity(nx * ny * nz);
+    for z in 0..nz {
+        for y in 0..ny {
+            for x in 0..nx {
+                position.push(lower + pitch * (DVec3::new(x as f64, y as f64, z as f64) + 0.5));
+            }
+        }
+    }
+    let radius = vec![lattice.radius; position.len()];
+    Grains::at_rest(position, radius, density)
+}

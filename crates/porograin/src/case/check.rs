@@ -1,0 +1,325 @@
+//! Checks of a case that need no grains: ranges of numbers, and tables that contradict each other.
+
+use super::{Case, CaseError, FaceTable, Packing, StageWater};
+use crate::boundary::{Signal, Solid, Water};
+use crate::contact::Law;
+use crate::model::{Flow, TimeStep};
+use crate::watch::Every;
+
+/// A range a number has to be in.
+#[derive(Clone, Copy)]
+enum Range {
+    Positive,
+    NotNegative,
+    Part,
+    Angle,
+}
+
+impl Case {
+    /// Everything that can be said against the case without making the grains.
+    pub(super) fn check(&self) -> Result<(), CaseError> {
+        if let Some(path) = self.source.not_finite() {
+            return Err(self.source.fault(&path, format!("`{path}` is not a finite number")));
+        }
+        for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let path = format!("domain.size.{k}");
+            self.number(&path, self.domain.size[k], Range::Positive)
+                .map_err(|e| CaseError { sentence: format!("{} along {name}", e.sentence), ..e })?;
+        }
+        self.check_packing()?;
+        self.law("contact", &self.contact)?;
+        self.optional("damping", self.damping, Range::Part)?;
+        self.time_step("time-step", &self.time_step)?;
+        self.faces("face", &self.face)?;
+        if let Some(fluid) = &self.fluid {
+            self.number("fluid.viscosity", fluid.viscosity, Range::Positive)?;
+            self.number("fluid.density", fluid.density, Range::Positive)?;
+            self.flow("fluid.flow", &fluid.flow)?;
+        }
+        self.check_stages()?;
+        for (k, watch) in self.watch.iter().enumerate() {
+            self.every(&format!("watch.{k}.every"), &watch.every)?;
+        }
+        if let Some(every) = &self.output.vtk {
+            self.every("output.vtk", every)?;
+        }
+        self.number("output.checkpoint", self.output.checkpoint, Range::NotNegative)
+    }
+
+    fn check_packing(&self) -> Result<(), CaseError> {
+        self.number("grains.density", self.grains.density, Range::Positive)?;
+        match &self.grains.packing {
+            Packing::Cloud(cloud) => {
+                if cloud.count == 0 {
+                    return self
+                        .refuse("grains.packing.cloud.count", "a cloud of 0 grains has nothing to simulate");
+                }
+                if !(0.0..1.0).contains(&cloud.spread) {
+                    return self.refuse(
+                        "grains.packing.cloud.spread",
+                        format!("`spread` must be at least 0 and less than 1, not {}", cloud.spread),
+                    );
+                }
+                if !(0.5..1.0).contains(&cloud.porosity) {
+                    return self.refuse(
+                        "grains.packing.cloud.porosity",
+                        format!(
+                            "a cloud of grains that do not touch has a porosity from 0.5 to 1, not {}: let a stage \
+                             compact it",
+                            cloud.porosity
+                        ),
+                    );
+                }
+            }
+            Packing::Lattice(lattice) => {
+                self.number("grains.packing.lattice.radius", lattice.radius, Range::Positive)?;
+                for (k, &count) in lattice.count.iter().enumerate() {
+                    let path = format!("grains.packing.lattice.count.{k}");
+                    if count == 0 {
+                        return self.refuse(&path, "a lattice of 0 grains has nothing to simulate");
+                    }
+                    let needed = 2.0 * lattice.radius * count as f64;
+                    if needed > self.domain.size[k] * (1.0 + 1e-12) {
+                        return self.refuse(
+                            &path,
+                            format!(
+                                "{count} grains of radius {} m need {needed} m along {}, the box has {} m",
+                                lattice.radius,
+                                ["x", "y", "z"][k],
+                                self.domain.size[k]
+                            ),
+                        );
+                    }
+                }
+            }
+            Packing::File(_) => {}
+        }
+        Ok(())
+    }
+
+    fn check_stages(&self) -> Result<(), CaseError> {
+        if self.stage.is_empty() {
+            return self.refuse("stage", "the case has no stage: there is nothing to do");
+        }
+        for (k, stage) in self.stage.iter().enumerate() {
+            let at = |key: &str| format!("stage.{k}.{key}");
+            if let Some(first) = self.stage[..k].iter().position(|other| other.name == stage.name) {
+                return self.refuse(
+                    &at("name"),
+                    format!("stages {} and {} are both called `{}`", first + 1, k + 1, stage.name),
+                );
+            }
+            if let Some(law) = &stage.contact {
+                self.law(&at("contact"), law)?;
+            }
+            self.optional(&at("friction"), stage.friction, Range::Angle)?;
+            self.optional(&at("damping"), stage.damping, Range::Part)?;
+            self.faces(&at("face"), &stage.face)?;
+            if let Some(step) = &stage.time_step {
+                self.time_step(&at("time-step"), step)?;
+            }
+            match &stage.fluid {
+                Some(StageWater::Present(true)) | Some(StageWater::Other(_)) if self.fluid.is_none() => {
+                    return self.refuse(
+                        &at("fluid"),
+                        format!("the stage `{}` wants water, but the case has no [fluid]", stage.name),
+                    );
+                }
+                Some(StageWater::Other(liquid)) => {
+                    self.optional(&at("fluid.viscosity"), liquid.viscosity, Range::Positive)?;
+                    self.optional(&at("fluid.density"), liquid.density, Range::Positive)?;
+                    if let Some(flow) = &liquid.flow {
+                        self.flow(&at("fluid.flow"), flow)?;
+                    }
+                }
+                _ => {}
+            }
+            self.until(k)?;
+            self.sealed(k)?;
+            if stage.consolidation && self.model(k, 0.0).fluid.is_none() {
+                return self.refuse(
+                    &at("consolidation"),
+                    format!("the stage `{}` is dry: there is no consolidation to compare", stage.name),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn until(&self, k: usize) -> Result<(), CaseError> {
+        let at = |key: &str| format!("stage.{k}.until.{key}");
+        let name = &self.stage[k].name;
+        let until = &self.stage[k].until;
+        self.optional(&at("time"), until.time, Range::Positive)?;
+        self.optional(&at("unbalanced"), until.unbalanced, Range::Positive)?;
+        self.optional(&at("stress-error"), until.stress_error, Range::Positive)?;
+        self.optional(&at("max-time"), until.max_time, Range::Positive)?;
+        if until.time.is_none() && until.steps.is_none() && !until.waits() {
+            return Err(self
+                .source
+                .fault(&format!("stage.{k}.until"), format!("the stage `{name}` never ends"))
+                .hint("give time, steps, unbalanced or stress-error"));
+        }
+        let servo = |face: &crate::boundary::Face| matches!(face.solid, Solid::Servo { .. });
+        if until.stress_error.is_some() && !self.model(k, 0.0).faces.iter().any(servo) {
+            return self.refuse(
+                &at("stress-error"),
+                format!("the stage `{name}` waits for the stress of servo walls, but no face has one"),
+            );
+        }
+        Ok(())
+    }
+
+    /// Incompressible water in a box without an opening lets no wall move.
+    fn sealed(&self, k: usize) -> Result<(), CaseError> {
+        let model = self.model(k, 0.0);
+        if model.fluid.is_none() || model.faces.iter().any(|f| matches!(f.water, Water::Pressure(_))) {
+            return Ok(());
+        }
+        for (index, face) in model.faces.iter().enumerate() {
+            let moves = match &face.solid {
+                Solid::Fixed => false,
+                Solid::Servo { .. } => true,
+                Solid::Moving { velocity } => velocity[index / 2] != Signal::Constant(0.0),
+            };
+            if moves {
+                let name = crate::boundary::FACE_NAMES[index];
+                let path = [format!("stage.{k}.face"), "face".into()]
+                    .into_iter()
+                    .flat_map(|table| [name, "sides", "all"].map(|key| format!("{table}.{key}.solid")))
+                    .find(|path| self.source.has(path))
+                    .unwrap_or(format!("stage.{k}"));
+                return Err(self
+                    .source
+                    .fault(
+                        &path,
+                        format!(
+                            "in the stage `{}` the {name} wall moves, but the water is incompressible and every face \
+                             is sealed",
+                            self.stage[k].name
+                        ),
+                    )
+                    .hint("give a face water = { pressure = 0.0 }, or fix the wall"));
+            }
+        }
+        Ok(())
+    }
+
+    fn faces(&self, table: &str, faces: &FaceTable) -> Result<(), CaseError> {
+        for (key, rule, _) in faces.rules() {
+            let at = |inner: &str| format!("{table}.{key}.{inner}");
+            self.optional(&at("friction"), rule.friction, Range::Angle)?;
+            match &rule.solid {
+                Some(Solid::Servo { stress, mass, speed }) => {
+                    self.signal(&at("solid.servo.stress"), stress)?;
+                    self.optional(&at("solid.servo.mass"), *mass, Range::Positive)?;
+                    self.optional(&at("solid.servo.speed"), *speed, Range::Positive)?;
+                }
+                Some(Solid::Moving { velocity }) => {
+                    for (axis, signal) in velocity.iter().enumerate() {
+                        self.signal(&at(&format!("solid.moving.velocity.{axis}")), signal)?;
+                    }
+                }
+                Some(Solid::Fixed) | None => {}
+            }
+            if let Some(Water::Pressure(signal)) = &rule.water {
+                self.signal(&at("water.pressure"), signal)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn signal(&self, path: &str, signal: &Signal) -> Result<(), CaseError> {
+        match signal {
+            Signal::Constant(_) => Ok(()),
+            Signal::Ramp { start, end, .. } if end < start => self.refuse(
+                &format!("{path}.ramp"),
+                format!("the ramp ends at {end} s, before it starts at {start} s"),
+            ),
+            Signal::Ramp { .. } => Ok(()),
+            Signal::Sine { period, .. } => {
+                self.number(&format!("{path}.sine.period"), *period, Range::Positive)
+            }
+            Signal::Table(points) => {
+                let path = format!("{path}.table");
+                if points.is_empty() {
+                    return self.refuse(&path, "the table has no point");
+                }
+                match points.windows(2).find(|w| w[1][0] <= w[0][0]) {
+                    Some(w) => self.refuse(
+                        &path,
+                        format!("the times of the table must rise, but {} s follows {} s", w[1][0], w[0][0]),
+                    ),
+                    None => Ok(()),
+                }
+            }
+        }
+    }
+
+    fn law(&self, path: &str, law: &Law) -> Result<(), CaseError> {
+        match law {
+            Law::Linear(linear) => {
+                self.number(&format!("{path}.linear.young"), linear.young, Range::Positive)?;
+                self.number(
+                    &format!("{path}.linear.stiffness-ratio"),
+                    linear.stiffness_ratio,
+                    Range::NotNegative,
+                )?;
+                self.number(&format!("{path}.linear.friction"), linear.friction, Range::Angle)
+            }
+        }
+    }
+
+    fn flow(&self, path: &str, flow: &Flow) -> Result<(), CaseError> {
+        match flow {
+            Flow::Pores(pores) => {
+                self.number(&format!("{path}.pores.residual"), pores.residual, Range::Positive)?;
+                self.number(&format!("{path}.pores.remesh.strain"), pores.remesh.strain, Range::Positive)
+            }
+        }
+    }
+
+    fn time_step(&self, path: &str, step: &TimeStep) -> Result<(), CaseError> {
+        match step {
+            TimeStep::Automatic { safety } => {
+                let path = format!("{path}.automatic.safety");
+                self.number(&path, *safety, Range::Positive)?;
+                if *safety > 1.0 {
+                    return self.refuse(&path, format!("`safety` must be at most 1, not {safety}"));
+                }
+                Ok(())
+            }
+            TimeStep::Fixed(dt) => self.number(&format!("{path}.fixed"), *dt, Range::Positive),
+        }
+    }
+
+    fn every(&self, path: &str, every: &Every) -> Result<(), CaseError> {
+        match every {
+            Every::Seconds(seconds) => self.number(&format!("{path}.seconds"), *seconds, Range::Positive),
+            Every::Steps(0) => self.refuse(&format!("{path}.steps"), "`steps` must be at least 1, not 0"),
+            Every::Steps(_) => Ok(()),
+        }
+    }
+
+    fn optional(&self, path: &str, value: Option<f64>, range: Range) -> Result<(), CaseError> {
+        value.map_or(Ok(()), |value| self.number(path, value, range))
+    }
+
+    fn number(&self, path: &str, value: f64, range: Range) -> Result<(), CaseError> {
+        let (fits, words) = match range {
+            Range::Positive => (value > 0.0, "greater than 0"),
+            Range::NotNegative => (value >= 0.0, "0 or greater"),
+            Range::Part => ((0.0..1.0).contains(&value), "at least 0 and less than 1"),
+            Range::Angle => ((0.0..90.0).contains(&value), "an angle from 0 to less than 90 degrees"),
+        };
+        if fits {
+            return Ok(());
+        }
+        let key = path.rsplit('.').find(|k| k.parse::<usize>().is_err()).unwrap_or(path);
+        self.refuse(path, format!("`{key}` must be {words}, not {value}"))
+    }
+
+    fn refuse(&self, path: &str, sentence: impl Into<String>) -> Result<(), CaseError> {
+        Err(self.source.fault(path, sentence))
+    }
+}

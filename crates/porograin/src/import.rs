@@ -1,0 +1,191 @@
+//! Grains from a CSV file: one line `x,y,z,r` per grain [m]; lines that start with `#` and a line of names are skipped.
+
+use crate::case::{CaseError, Place};
+use glam::DVec3;
+
+/// Centres and radii [m], in the order of the file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Spheres {
+    /// Centres [m].
+    pub position: Vec<DVec3>,
+    /// Radii [m].
+    pub radius: Vec<f64>,
+    /// Line of each grain in the file, from 1.
+    pub line: Vec<usize>,
+}
+
+/// Reads the text of a file called `name`.
+///
+/// # Errors
+/// A line that is not four finite numbers with a positive radius, no grain at all, or a grain whose centre lies
+/// inside another one.
+pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
+    let mut spheres = Spheres::default();
+    let mut offset = 0;
+    for (k, line) in text.split_inclusive('\n').enumerate() {
+        let start = offset;
+        offset += line.len();
+        let content = line.trim();
+        let first = spheres.radius.is_empty();
+        if content.is_empty() || content.starts_with('#') || (first && is_heading(content)) {
+            continue;
+        }
+        let fault = |from: usize, length: usize, sentence: String| CaseError {
+            sentence,
+            hint: None,
+            place: Some(Box::new(Place::in_file(name, text, start + from..start + from + length))),
+        };
+        let mut values = [0.0_f64; 4];
+        let mut count = 0;
+        let mut column = 0;
+        for field in line.trim_end().split(',') {
+            let word = field.trim();
+            let from = column + field.find(word).unwrap_or(0);
+            column += field.len() + 1;
+            if count < 4 {
+                values[count] = word
+                    .parse()
+                    .map_err(|_| fault(from, word.len(), format!("expected a number, found `{word}`")))?;
+                if !values[count].is_finite() {
+                    return Err(fault(from, word.len(), format!("`{word}` is not a finite number")));
+                }
+                if count == 3 && values[3] <= 0.0 {
+                    return Err(fault(
+                        from,
+                        word.len(),
+                        format!("the radius of a grain must be greater than 0, not {word}"),
+                    ));
+                }
+            }
+            count += 1;
+        }
+        if count != 4 {
+            let numbers = if count == 1 { "number" } else { "numbers" };
+            return Err(fault(
+                0,
+                line.trim_end().len(),
+                format!("a grain is 4 numbers x,y,z,r, this line has {count} {numbers}"),
+            ));
+        }
+        spheres.position.push(DVec3::new(values[0], values[1], values[2]));
+        spheres.radius.push(values[3]);
+        spheres.line.push(k + 1);
+    }
+    if spheres.radius.is_empty() {
+        return Err(CaseError::new(format!("the grain file {name} holds no grain")));
+    }
+    if let Some((i, j)) = swallowed(&spheres) {
+        let (a, b) = (spheres.line[i], spheres.line[j]);
+        let mut error = spheres.fault(
+            name,
+            text,
+            j,
+            format!(
+                "the grains of lines {a} and {b} overlap so deeply that one holds the centre of the other"
+            ),
+        );
+        error.hint = Some(format!("line {a} is {}", text.lines().nth(a - 1).unwrap_or("").trim()));
+        return Err(error);
+    }
+    Ok(spheres)
+}
+
+impl Spheres {
+    /// Refuses the first grain whose centre is outside the box or that is bigger than the box.
+    ///
+    /// # Errors
+    /// Names the line of that grain in the file called `name`.
+    pub fn within(&self, name: &str, text: &str, lower: DVec3, upper: DVec3) -> Result<(), CaseError> {
+        let size = upper - lower;
+        for i in 0..self.radius.len() {
+            let (x, r) = (self.position[i], self.radius[i]);
+            if 2.0 * r > size.min_element() {
+                let sentence = format!(
+                    "the grain, {} m across, is bigger than the box, {} m",
+                    2.0 * r,
+                    size.min_element()
+                );
+                return Err(self.fault(name, text, i, sentence));
+            }
+            for (axis, word) in ["x", "y", "z"].into_iter().enumerate() {
+                if !(lower[axis]..=upper[axis]).contains(&x[axis]) {
+                    let sentence = format!(
+                        "the grain's centre is outside the box: {word} = {} m is not between {} m and {} m",
+                        x[axis], lower[axis], upper[axis]
+                    );
+                    return Err(self.fault(name, text, i, sentence));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn fault(&self, name: &str, text: &str, grain: usize, sentence: String) -> CaseError {
+        let start: usize = text.split_inclusive('\n').take(self.line[grain] - 1).map(str::len).sum();
+        let width = text[start..].lines().next().unwrap_or("").trim_end().len();
+        CaseError {
+            sentence,
+            hint: None,
+            place: Some(Box::new(Place::in_file(name, text, start..start + width))),
+        }
+    }
+}
+
+fn is_heading(line: &str) -> bool {
+    let names: Vec<String> = line.split(',').map(|w| w.trim().to_lowercase()).collect();
+    names == ["x", "y", "z", "r"]
+}
+
+/// The first pair, in order of x, of which one holds the centre of the other.
+fn swallowed(spheres: &Spheres) -> Option<(usize, usize)> {
+    let mut order: Vec<usize> = (0..spheres.radius.len()).collect();
+    order.sort_by(|&a, &b| spheres.position[a].x.total_cmp(&spheres.position[b].x).then(a.cmp(&b)));
+    let widest = spheres.radius.iter().copied().fold(0.0, f64::max);
+    for (k, &i) in order.iter().enumerate() {
+        for &j in &order[k + 1..] {
+            let apart = spheres.position[j] - spheres.position[i];
+            if apart.x > widest {
+                break;
+            }
+            if apart.length() < spheres.radius[i].max(spheres.radius[j]) {
+                return Some((i.min(j), i.max(j)));
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_read_in_order() {
+        let read = spheres("g.csv", "# made by hand\nx,y,z,r\n0,0,0,1\n 3 , 0,0 , 0.5\n\n").unwrap();
+        assert_eq!(read.position, [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0)]);
+        assert_eq!(read.radius, [1.0, 0.5]);
+        assert_eq!(read.line, [3, 4]);
+    }
+
+    #[test]
+    fn a_wrong_line_is_named() {
+        for (text, sentence, column) in [
+            ("0,0,0,1\n1,2,3", "a grain is 4 numbers x,y,z,r, this line has 3 numbers", 1),
+            ("0,0,0,1\n1,2, x,4", "expected a number, found `x`", 6),
+            ("0,0,0,1\n1,nan,0,4", "`nan` is not a finite number", 3),
+            ("0,0,0,1\n1,2,3,-1", "the radius of a grain must be greater than 0, not -1", 7),
+        ] {
+            let error = spheres("g.csv", text).unwrap_err();
+            let place = error.place.unwrap();
+            assert_eq!((error.sentence.as_str(), place.line, place.column), (sentence, Some(2), column));
+        }
+        assert_eq!(spheres("g.csv", "# x\n").unwrap_err().sentence, "the grain file g.csv holds no grain");
+    }
+
+    #[test]
+    fn a_swallowed_centre_is_refused_and_a_plain_overlap_is_not() {
+        assert!(spheres("g.csv", "0,0,0,1\n1.5,0,0,1\n").is_ok());
+        let error = spheres("g.csv", "0,0,0,1\n5,0,0,1\n0.5,0,0,0.2\n").unwrap_err();
+        assert!(error.sentence.starts_with("the grains of lines 1 and 3 overlap"), "{error}");
+    }
+}

@@ -1,0 +1,132 @@
+//! Watchers: which measures go into the history, and when.
+
+use serde::{Deserialize, Serialize};
+
+/// When to do something again and again.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Every {
+    /// Each time so many simulated seconds have passed.
+    Seconds(f64),
+    /// Each time so many steps are done.
+    Steps(u64),
+}
+
+impl Every {
+    /// The number of the interval that `time` and `step` are in: something is due when it changes.
+    pub fn interval(&self, time: f64, step: u64) -> u64 {
+        match *self {
+            // Times are sums of steps: one part in 10⁹ keeps a sum that falls just short in the interval it is meant for.
+            Every::Seconds(seconds) => (time / seconds * (1.0 + 1e-9)) as u64,
+            Every::Steps(steps) => step / steps.max(1),
+        }
+    }
+}
+
+/// Some measures, and when to write them into the history.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Watch {
+    /// What to measure.
+    pub measures: Vec<Measure>,
+    /// When.
+    pub every: Every,
+}
+
+/// What can be watched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Measure {
+    /// Void part of the box.
+    Porosity,
+    /// Lengths of the box.
+    Size,
+    /// How far the top face has come down since the stage began.
+    Settlement,
+    /// Mean resultant on a grain over mean contact force (Catalano 2.16).
+    Unbalanced,
+    /// Normal stress on each face, grains and water together.
+    FaceStress,
+    /// Number of contacts, and per grain.
+    Contacts,
+    /// Kinetic energy of the grains.
+    KineticEnergy,
+    /// Largest speed of a grain.
+    Speed,
+    /// Length of the step.
+    TimeStep,
+    /// Mean, least and greatest excess pressure of the pores.
+    Pressure,
+    /// Mean excess pressure at 13 heights between bottom and top.
+    PressureProfile,
+    /// Water that leaves through each face.
+    Outflow,
+}
+
+/// Heights at which profiles are taken, both ends included.
+pub const PROFILE_POINTS: usize = 13;
+
+impl Measure {
+    /// All of them.
+    pub const ALL: [Measure; 12] = [
+        Measure::Porosity,
+        Measure::Size,
+        Measure::Settlement,
+        Measure::Unbalanced,
+        Measure::FaceStress,
+        Measure::Contacts,
+        Measure::KineticEnergy,
+        Measure::Speed,
+        Measure::TimeStep,
+        Measure::Pressure,
+        Measure::PressureProfile,
+        Measure::Outflow,
+    ];
+
+    /// What it is, in one line.
+    pub fn describe(self) -> &'static str {
+        match self {
+            Measure::Porosity => "void part of the box",
+            Measure::Size => "lengths of the box",
+            Measure::Settlement => "how far the top face has come down since the stage began",
+            Measure::Unbalanced => "mean resultant on a grain over mean contact force",
+            Measure::FaceStress => {
+                "normal stress on each face, grains and water together, compression positive"
+            }
+            Measure::Contacts => "number of contacts and mean number per grain",
+            Measure::KineticEnergy => "kinetic energy of the grains, turning included",
+            Measure::Speed => "largest speed of a grain",
+            Measure::TimeStep => "length of the step",
+            Measure::Pressure => "mean, least and greatest excess pressure of the pores",
+            Measure::PressureProfile => "mean excess pressure at 13 heights, bottom to top",
+            Measure::Outflow => "water leaving through each face",
+        }
+    }
+
+    /// Whether it is empty in a dry stage.
+    pub fn needs_water(self) -> bool {
+        matches!(self, Measure::Pressure | Measure::PressureProfile | Measure::Outflow)
+    }
+
+    /// Heads of its columns, with units.
+    pub fn columns(self) -> Vec<String> {
+        let faces = |name: &str, unit: &str| -> Vec<String> {
+            crate::boundary::FACE_NAMES.iter().map(|face| format!("{name}_{face} [{unit}]")).collect()
+        };
+        let list = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect();
+        match self {
+            Measure::Porosity => list(&["porosity [-]"]),
+            Measure::Size => list(&["size_x [m]", "size_y [m]", "size_z [m]"]),
+            Measure::Settlement => list(&["settlement [m]"]),
+            Measure::Unbalanced => list(&["unbalanced [-]"]),
+            Measure::FaceStress => faces("stress", "Pa"),
+            Measure::Contacts => list(&["contacts [-]", "contacts_per_grain [-]"]),
+            Measure::KineticEnergy => list(&["kinetic_energy [J]"]),
+            Measure::Speed => list(&["speed_max [m/s]"]),
+            Measure::TimeStep => list(&["dt [s]"]),
+            Measure::Pressure => list(&["pressure_mean [Pa]", "pressure_min [Pa]", "pressure_max [Pa]"]),
+            Measure::PressureProfile => (0..PROFILE_POINTS).map(|k| format!("pressure_{k} [Pa]")).collect(),
+            Measure::Outflow => faces("outflow", "m3/s"),
+        }
+    }
+}
