@@ -33,14 +33,21 @@ fn main() {
             if let Some(folder) = folder {
                 write(folder, &sample);
             }
-            report(&sample);
+            let walled = report(&sample, "", [false; 3]);
+            let periodic = report(&sample, ", periodic", [true; 3]);
+            println!(
+                "| {}: periodic over walled | {} | | {:.2} | |",
+                sample.name,
+                sample.position.len(),
+                periodic / walled
+            );
         }
     }
 }
 
-fn report(sample: &Sample) {
+fn report(sample: &Sample, kind: &str, periodic: [bool; 3]) -> f64 {
     let n = sample.position.len();
-    let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+    let cell = Cell { periodic, ..Cell::walled(DVec3::ZERO, DVec3::ONE) };
     let mut pores = 0;
     let runs = (400_000 / n).clamp(3, 15);
     let [shortest, median] = samples::time(runs, || {
@@ -48,7 +55,8 @@ fn report(sample: &Sample) {
         pores = t.pores.len();
     });
     let each = |t: f64| 1e6 * t / n as f64;
-    println!("| {} | {n} | {pores} | {:.2} | {:.2} |", sample.name, each(shortest), each(median));
+    println!("| {}{kind} | {n} | {pores} | {:.2} | {:.2} |", sample.name, each(shortest), each(median));
+    shortest
 }
 
 fn write(folder: &str, sample: &Sample) {

@@ -17,20 +17,25 @@ pub fn hilbert(cell: &Cell, position: &[DVec3]) -> Vec<u32> {
         let point = cell.origin + cell.edges * DVec3::new(bit(0), bit(1), bit(2));
         (low, high) = (low.min(point), high.max(point));
     }
+    sorted(position.iter().copied(), low, high)
+}
+
+/// The points along a Hilbert curve through the cube at `low` that holds `high`.
+pub(crate) fn sorted(points: impl Iterator<Item = DVec3>, low: DVec3, high: DVec3) -> Vec<u32> {
     let scale = f64::from((1u32 << BITS) - 1) / (high - low).max_element();
     // `as u32` saturates and sends NaN to zero.
-    let key = |p: &DVec3| curve_key(((*p - low) * scale).to_array().map(|c| (c as u32).min((1 << BITS) - 1)));
-    let mut order: Vec<(u64, u32)> = position.iter().zip(0..).map(|(p, i)| (key(p), i)).collect();
+    let key = |p: DVec3| curve_key(((p - low) * scale).to_array().map(|c| (c as u32).min((1 << BITS) - 1)));
+    let mut order: Vec<(u64, u32)> = points.zip(0..).map(|(p, i)| (key(p), i)).collect();
     order.sort_unstable();
     order.into_iter().map(|(_, i)| i).collect()
 }
 
-/// An insertion order of `0..n` (places along a curve) in rounds that grow eightfold: each round holds one place at random out of
-/// each eight of the next, and runs along the curve.
+/// An insertion order of `0..n` (places along a curve) in rounds that grow up to eightfold from about `first`: each round holds one
+/// place at random out of each few of the next, and runs along the curve. Also returns the length of the first round.
 ///
 /// The randomness (fixed seed) bounds the expected cost for any input, the rounds keep the walks short (N. Amenta,
 /// S. Choi, G. Rote, "Incremental constructions con BRIO", 2003).
-pub(crate) fn rounds(n: usize) -> Vec<u32> {
+pub(crate) fn rounds(n: usize, first: usize) -> (Vec<u32>, usize) {
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     let mut pick = |below: usize| {
         state ^= state << 13;
@@ -41,11 +46,12 @@ pub(crate) fn rounds(n: usize) -> Vec<u32> {
     let mut order = vec![0; n];
     let mut end = n;
     let mut places: Vec<u32> = (0..n as u32).collect();
-    while places.len() > 8 {
-        let mut earlier = Vec::with_capacity(places.len() / 8 + 1);
-        let mut at = end - (places.len() - places.len().div_ceil(8));
+    while places.len() >= 2 * first {
+        let growth = (places.len() / first).min(8);
+        let mut earlier = Vec::with_capacity(places.len() / growth + 1);
+        let mut at = end - (places.len() - places.len().div_ceil(growth));
         end = at;
-        for block in places.chunks(8) {
+        for block in places.chunks(growth) {
             let chosen = pick(block.len());
             for (k, &place) in block.iter().enumerate() {
                 if k == chosen {
@@ -59,7 +65,7 @@ pub(crate) fn rounds(n: usize) -> Vec<u32> {
         places = earlier;
     }
     order[..end].copy_from_slice(&places);
-    order
+    (order, end)
 }
 
 /// Place of a lattice point on the Hilbert curve (J. Skilling, "Programming the Hilbert curve", AIP Conf. Proc.
@@ -108,9 +114,15 @@ mod tests {
     #[test]
     fn rounds_are_a_permutation() {
         for n in [0, 1, 2, 8, 9, 17, 64, 65, 1000] {
-            let mut order = rounds(n);
-            order.sort_unstable();
-            assert_eq!(order, (0..n as u32).collect::<Vec<_>>());
+            for first in [4, 10] {
+                let (mut order, length) = rounds(n, first);
+                assert!(
+                    length <= n && (n < first || (first..2 * first).contains(&length)),
+                    "{n} {first} {length}"
+                );
+                order.sort_unstable();
+                assert_eq!(order, (0..n as u32).collect::<Vec<_>>());
+            }
         }
     }
 

@@ -21,6 +21,8 @@
 //! the one with the higher index is hidden. In a partly periodic cell the forms that mix a periodic with a walled axis come
 //! last: pores with walls are settled by the others, so the mixed ones are only met where they are translation invariant.
 
+use crate::triangulation::lattice::Lattice;
+
 /// A vertex of a pore seen from the query, in floating point (`d` exact, `l` rounded).
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Row {
@@ -32,15 +34,9 @@ pub(crate) struct Row {
     pub t: f64,
 }
 
-/// The row of a grain; point and query are `[x, y, z, w]`.
-#[inline(always)]
-pub(crate) fn grain_row(point: [f64; 4], query: [f64; 4]) -> Row {
-    difference_row([point[0] - query[0], point[1] - query[1], point[2] - query[2]], point[3] - query[3])
-}
-
 /// The row of a grain at the exact distance `d`, `dw = w - w_e`.
 #[inline(always)]
-pub(crate) fn difference_row(d: [f64; 3], dw: f64) -> Row {
+pub(crate) fn grain_row(d: [f64; 3], dw: f64) -> Row {
     let s = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     Row { x: d[0], y: d[1], z: d[2], l: s - dw, t: s + dw.abs() }
 }
@@ -103,8 +99,8 @@ pub(crate) fn power(r: [&Row; 4]) -> (f64, f64) {
 /// `|x - centre|² - w < power`; the power is not a number where the centre is too inaccurate to use.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sphere {
-    centre: [f64; 3],
-    power: f64,
+    pub centre: [f64; 3],
+    pub power: f64,
 }
 
 /// The power test by cached spheres: a fast filter in front of [`power`].
@@ -147,9 +143,9 @@ impl Filter {
         );
         let t = max3(a.t, b.t, c.t);
         // A component of the numerator has 6 products rounded at most 9 times, the determinant 60 u size³ (see above); one
-        // more rounding of the quotient, and 1/8 for adding the query, whose coordinates are below 2^50.
+        // more rounding of the quotient, and 1/2 for adding the query, whose coordinates are below 2^52.
         let error =
-            (120.0 * U) * (t + (x.abs() + y.abs() + z.abs()) * size) * (size * size) * half.abs() + 0.125;
+            (120.0 * U) * (t + (x.abs() + y.abs() + z.abs()) * size) * (size * size) * half.abs() + 0.5;
         let power = x * x + y * y + z * z - query[3];
         Sphere {
             centre: [query[0] + x, query[1] + y, query[2] + z],
@@ -159,8 +155,9 @@ impl Filter {
 
     /// `|x - centre|² - w - power` with a bound of its error.
     #[inline(always)]
-    pub fn power(&self, sphere: &Sphere, x: [f64; 4]) -> (f64, f64) {
-        let d = [x[0] - sphere.centre[0], x[1] - sphere.centre[1], x[2] - sphere.centre[2]];
+    pub fn power(&self, sphere: &Sphere, x: [f64; 4], lattice: &Lattice) -> (f64, f64) {
+        let c = &sphere.centre;
+        let d = lattice.nearest([x[0] - c[0], x[1] - c[1], x[2] - c[2]]);
         let s = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         (s - (x[3] + sphere.power), (4.0 * Self::EPSILON) * (s + sphere.power.abs() + self.floor))
     }
@@ -276,6 +273,36 @@ impl Sum {
         let top = self.0[4] + carry;
         if top != 0 { top.signum() as i32 } else { i32::from(any != 0) }
     }
+}
+
+impl Sum {
+    /// The sum rounded to a floating-point number (a few roundings).
+    fn value(&self) -> f64 {
+        let sign = self.sign();
+        let (mut carry, mut value) = (0i128, 0.0);
+        for (k, digit) in self.0.iter().enumerate() {
+            let s = i128::from(sign) * digit + carry;
+            carry = s >> 64;
+            value += (s as u64) as f64 * 2f64.powi(64 * k as i32);
+        }
+        f64::from(sign) * value
+    }
+}
+
+/// The centre of the power sphere of the query and three rows, from the query: exact up to a few roundings.
+pub(crate) fn centre_exact(rows: [&ExactRow; 3]) -> [f64; 3] {
+    let [a, b, c] = rows;
+    let mut determinant = Sum::default();
+    determinant.add(1, cubic(&a.d, &b.d, &c.d), 2);
+    let determinant = determinant.value();
+    [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {
+        let mut sum = Sum::default();
+        for (row, p, q) in [(a, b, c), (b, c, a), (c, a, b)] {
+            let minor = i128::from(p.d[i]) * i128::from(q.d[j]) - i128::from(p.d[j]) * i128::from(q.d[i]);
+            sum.add(1, Cubic { high: minor >> 64, low: minor as u64 }, row.l);
+        }
+        sum.value() / determinant
+    })
 }
 
 /// The sign of the barycentric coordinate `O_k` of the query.

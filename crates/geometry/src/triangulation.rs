@@ -7,13 +7,15 @@
 
 mod canonical;
 pub(crate) mod frame;
+pub(crate) mod lattice;
 mod mesh;
+mod periodic;
 
 use crate::predicates::Forms;
 use crate::{Cell, order};
 use frame::Frame;
 use glam::DVec3;
-use mesh::Mesh;
+use mesh::{Mesh, Space};
 
 /// A vertex of a pore: a grain `0..n`, or a wall `FIRST_WALL + face`.
 pub type Vertex = u32;
@@ -74,6 +76,11 @@ pub enum TriangulationError {
         /// Index of the grain.
         grain: usize,
     },
+    /// A centre is so many periods away from the cell, or from a neighbour, that shifts do not fit 8 bits.
+    Far {
+        /// Index of the grain.
+        grain: usize,
+    },
     /// A centre lies beyond a wall.
     Outside {
         /// Index of the grain.
@@ -95,6 +102,9 @@ impl std::fmt::Display for TriangulationError {
             Self::Radius { grain } => {
                 write!(f, "the radius of grain {grain} is negative, not finite or over 1000 times the cell")
             }
+            Self::Far { grain } => {
+                write!(f, "grain {grain} lies more than 127 periods from the cell or a neighbour")
+            }
             Self::Outside { grain, face } => {
                 let name = ["left", "right", "front", "back", "bottom", "top"][*face];
                 write!(f, "the centre of grain {grain} lies beyond the {name} wall (face {face})")
@@ -109,7 +119,11 @@ impl std::error::Error for TriangulationError {}
 const MOST_GRAINS: usize = 1 << 28;
 
 impl Triangulation {
-    /// The regular triangulation of spheres whose centres lie in the box (or on its walls).
+    /// The regular triangulation of spheres whose centres lie between the walls (or on them).
+    ///
+    /// Along periodic axes positions may lie in any period: [`shifts`](Self::shifts) are relative to the positions given. The periods
+    /// may have any directions, but those of a partly periodic cell must be parallel to its walls, and walls are normal to
+    /// x, y or z.
     ///
     /// `position` \[m\] and `radius` \[m\] have one entry per grain. No grain gives no pores. The numbering of the
     /// pores, and of the vertices in each, depends on the triangulation and the numbering of the grains only: pores come
@@ -126,28 +140,33 @@ impl Triangulation {
         if position.len() > MOST_GRAINS {
             return Err(TriangulationError::TooMany);
         }
-        if cell.periodic != [false; 3] {
-            return Err(TriangulationError::Cell("periodic axes are not supported yet"));
-        }
         let frame = Frame::new(cell)?;
-        let mut points = Vec::with_capacity(position.len());
-        for (grain, (&x, &r)) in position.iter().zip(radius).enumerate() {
-            let point = frame.point(grain, x, r)?;
-            let beyond = |axis: usize| match point[axis] {
-                c if c < 0.0 => Some(2 * axis),
-                c if c > frame.size[axis] => Some(2 * axis + 1),
-                _ => None,
-            };
-            if let Some(face) = (0..3).find_map(beyond) {
-                return Err(TriangulationError::Outside { grain, face });
-            }
-            points.push(point);
-        }
         let curve = order::hilbert(cell, position);
+        let mut points = Vec::with_capacity(position.len());
+        let mut periods = Vec::new();
+        for (grain, (&x, &r)) in position.iter().zip(radius).enumerate() {
+            let placed = frame.place(grain, x, r)?;
+            points.push(placed.point);
+            if cell.periodic != [false; 3] {
+                periods.push(placed.periods);
+            }
+        }
         let points: Vec<[f64; 4]> = curve.iter().map(|&i| points[i as usize]).collect();
         let grains = points.len();
-        let mut mesh = Mesh::new(points, curve, &frame, Forms::new(cell.periodic));
-        let mut rounds = order::rounds(grains).into_iter();
+        let spacing = (frame.volume / grains.max(1) as f64).cbrt().max(1.0);
+        let space = Space {
+            lower: [0.0; 3],
+            upper: frame.upper,
+            lattice: frame.lattice,
+            forms: Forms::new(cell.periodic),
+            reach: spacing.log2().round().exp2(),
+            largest: points.iter().map(|p| p[3]).fold(0.0, f64::max),
+        };
+        if cell.periodic != [false; 3] {
+            return periodic::triangulate(&points, &curve, &periods, &space, spacing);
+        }
+        let mut mesh = Mesh::new(points, curve, &space);
+        let mut rounds = order::rounds(grains, 4).0.into_iter();
         if let Some(first) = rounds.next() {
             mesh.start(first);
         }

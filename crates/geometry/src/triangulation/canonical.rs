@@ -1,10 +1,10 @@
 //! A numbering of pores and of their vertices that depends on the triangulation alone, not on how it was made.
 
 use super::mesh::{FREE, Mesh};
-use super::{NONE, Triangulation};
+use super::{NONE, Triangulation, TriangulationError, Vertex, wall};
 
-/// The even permutations of four places: they keep the orientation.
-const EVEN: [[usize; 4]; 12] = [
+/// The even permutations of four places, grouped by their first: they keep the orientation.
+const EVEN: [[u8; 4]; 12] = [
     [0, 1, 2, 3],
     [0, 2, 3, 1],
     [0, 3, 1, 2],
@@ -20,74 +20,145 @@ const EVEN: [[usize; 4]; 12] = [
 ];
 
 /// The even permutation that puts the smallest vertex first and the second smallest next.
-pub(super) fn rotation(vertex: [u32; 4]) -> [usize; 4] {
+#[inline(always)]
+fn turn<K: Ord>(key: [K; 4]) -> [u8; 4] {
     let mut first = 0;
     for k in 1..4 {
-        if vertex[k] < vertex[first] {
+        if key[k] < key[first] {
             first = k;
         }
     }
-    let start = 3 * first;
-    let mut best = start;
-    for p in start + 1..start + 3 {
-        if vertex[EVEN[p][1]] < vertex[EVEN[best][1]] {
+    let mut best = 3 * first;
+    for p in 3 * first + 1..3 * first + 3 {
+        if key[EVEN[p][1] as usize] < key[EVEN[best][1] as usize] {
             best = p;
         }
     }
     EVEN[best]
 }
 
-/// Numbers the pores by their smallest vertex, then by their vertices in order.
-///
-/// Pores around a grain are neighbours in memory, and follow the order of the grains.
-pub(super) fn number(mesh: &Mesh, grains: usize) -> Triangulation {
-    // Counting sort by the first vertex, which is a grain in every pore.
+/// A pore on its way to its place.
+#[derive(Clone, Copy, Default)]
+struct Entry<K> {
+    vertex: [Vertex; 4],
+    /// What else tells pores apart: their shifts.
+    rest: K,
+    old: u32,
+    turn: [u8; 4],
+}
+
+/// Sorts by first vertex (a grain in every pore), then by the vertices in order, then by the rest.
+fn sorted<K: Ord + Copy + Default>(entries: Vec<Entry<K>>, grains: usize) -> Vec<Entry<K>> {
     let mut start = vec![0u32; grains + 1];
-    let mut turned = Vec::with_capacity(mesh.pores.len());
-    for (old, pore) in (0..).zip(&mesh.pores) {
-        if pore.vertex[0] != FREE {
-            let [a, b, c, d] = pore.vertex;
-            let label = [mesh.label(a), mesh.label(b), mesh.label(c), mesh.label(d)];
-            let [a, b, c, d] = rotation(label);
-            start[label[a] as usize + 1] += 1;
-            turned.push((
-                [label[a], label[b], label[c], label[d]],
-                old,
-                [a as u8, b as u8, c as u8, d as u8],
-            ));
-        }
+    for entry in &entries {
+        start[entry.vertex[0] as usize + 1] += 1;
     }
     for g in 0..grains {
         start[g + 1] += start[g];
     }
-    let mut sorted = vec![([0; 4], 0u32, [0u8; 4]); turned.len()];
+    let mut sorted = vec![Entry::default(); entries.len()];
     let mut next = start.clone();
-    for entry in turned {
-        let place = &mut next[entry.0[0] as usize];
+    for entry in entries {
+        let place = &mut next[entry.vertex[0] as usize];
         sorted[*place as usize] = entry;
         *place += 1;
     }
-    let mut number = vec![NONE; mesh.pores.len()];
     for g in 0..grains {
         let group = &mut sorted[start[g] as usize..start[g + 1] as usize];
-        group.sort_unstable_by_key(|entry| entry.0);
+        group.sort_unstable_by_key(|entry| (entry.vertex, entry.rest));
     }
-    let mut pores = Vec::with_capacity(sorted.len());
-    for (new, (vertex, old, _)) in (0..).zip(&sorted) {
-        number[*old as usize] = new;
-        pores.push(*vertex);
+    sorted
+}
+
+/// Neighbours in the new numbering; `sides` are those of the old pores, of which there were `count`.
+fn renumbered<K>(sorted: &[Entry<K>], count: usize, sides: impl Fn(u32) -> [u32; 4]) -> Vec<[u32; 4]> {
+    let mut number = vec![NONE; count];
+    for (new, entry) in (0..).zip(sorted) {
+        number[entry.old as usize] = new;
     }
     let mut neighbours = Vec::with_capacity(sorted.len());
-    for (_, old, turn) in &sorted {
-        let sides = mesh.pores[*old as usize].neighbour;
+    for entry in sorted {
+        let old = sides(entry.old);
         let mut across = [NONE; 4];
         for k in 0..4 {
             // NONE stays NONE.
-            across[k] = number.get(sides[turn[k] as usize] as usize).copied().unwrap_or(NONE);
+            across[k] = number.get(old[entry.turn[k] as usize] as usize).copied().unwrap_or(NONE);
         }
         neighbours.push(across);
     }
-    let mut hidden: Vec<u32> = mesh.hidden.iter().map(|&g| mesh.label(g)).collect();
+    neighbours
+}
+
+/// Numbers the pores of a walled box by their smallest vertex, then by their vertices in order.
+///
+/// Pores around a grain are neighbours in memory, and follow the order of the grains.
+pub(super) fn number(mesh: &Mesh, grains: usize) -> Triangulation {
+    let mut entries = Vec::with_capacity(mesh.pores.len());
+    for (old, pore) in (0..).zip(&mesh.pores) {
+        if pore.vertex[0] != FREE {
+            let [a, b, c, d] = pore.vertex;
+            let label = [mesh.label(a), mesh.label(b), mesh.label(c), mesh.label(d)];
+            let turn = turn(label);
+            let [a, b, c, d] = turn;
+            let vertex = [label[a as usize], label[b as usize], label[c as usize], label[d as usize]];
+            entries.push(Entry { vertex, rest: (), old, turn });
+        }
+    }
+    let sorted = sorted(entries, grains);
+    let neighbours = renumbered(&sorted, mesh.pores.len(), |old| mesh.pores[old as usize].neighbour);
+    let pores = sorted.iter().map(|entry| entry.vertex).collect();
+    Triangulation {
+        pores,
+        neighbours,
+        shifts: Vec::new(),
+        hidden: hidden(mesh.hidden.iter().map(|&g| mesh.label(g))),
+    }
+}
+
+fn hidden(grains: impl Iterator<Item = u32>) -> Vec<u32> {
+    let mut hidden: Vec<u32> = grains.collect();
     hidden.sort_unstable();
-    Triangulation { pores, neighbours, shifts: Vec::new(), hidden }
+    hidden
+}
+
+/// A pore of a periodic triangulation in the user's numbering, up to a common shift.
+#[derive(Clone, Copy)]
+pub(super) struct PeriodicPore {
+    pub vertex: [Vertex; 4],
+    pub shift: [[i64; 3]; 4],
+    pub neighbour: [u32; 4],
+}
+
+/// Numbers the pores of a periodic cell: the smallest vertex has the shift zero.
+pub(super) fn number_periodic(
+    pores: &[PeriodicPore],
+    grains: usize,
+    hidden_grains: Vec<u32>,
+) -> Result<Triangulation, TriangulationError> {
+    let mut entries = Vec::with_capacity(pores.len());
+    for (old, pore) in (0..).zip(pores) {
+        let key = [0, 1, 2, 3].map(|k| (pore.vertex[k], pore.shift[k]));
+        let turn = turn(key);
+        let vertex = turn.map(|k| pore.vertex[k as usize]);
+        let base = pore.shift[turn[0] as usize];
+        let mut rest = [[0i8; 3]; 4];
+        for k in (0..4).filter(|&k| wall(vertex[k]).is_none()) {
+            for axis in 0..3 {
+                let shift = pore.shift[turn[k] as usize][axis].saturating_sub(base[axis]);
+                let Ok(shift) = i8::try_from(shift) else {
+                    return Err(TriangulationError::Far { grain: vertex[k] as usize });
+                };
+                rest[k][axis] = shift;
+            }
+        }
+        entries.push(Entry { vertex, rest, old, turn });
+    }
+    let sorted = sorted(entries, grains);
+    let neighbours = renumbered(&sorted, pores.len(), |old| pores[old as usize].neighbour);
+    Ok(Triangulation {
+        pores: sorted.iter().map(|entry| entry.vertex).collect(),
+        neighbours,
+        shifts: sorted.iter().map(|entry| entry.rest).collect(),
+        hidden: hidden(hidden_grains.into_iter()),
+    })
 }

@@ -3,7 +3,7 @@
 //! Because walls are vertices at infinity along the axes, the pores cover the whole space from the first grain on:
 //! there is no outside to treat apart.
 
-use super::frame::Frame;
+use super::lattice::Lattice;
 use super::{FACET, NONE};
 use crate::predicates::{self, ExactQuery, ExactRow, Filter, Forms, Row, Sphere};
 use std::collections::HashMap;
@@ -51,7 +51,11 @@ pub(super) struct Mesh {
     points: Vec<[f64; 4]>,
     /// Index of every grain in the user's numbering, for ties.
     label: Vec<u32>,
-    size: [f64; 3],
+    lower: [f64; 3],
+    upper: [f64; 3],
+    /// Differences are taken to the nearest image; without periods that changes nothing.
+    lattice: Lattice,
+    torus: bool,
     forms: Forms,
     /// A power of two near the distance of neighbours: wall rows are scaled by it so that the columns of the
     /// determinants hold numbers of one magnitude (the filter needs that).
@@ -74,19 +78,32 @@ pub(super) struct Mesh {
     map: HashMap<(u32, u32), u32>,
 }
 
+/// Where the grains are, and what settles ties.
+#[derive(Clone, Copy)]
+pub(super) struct Space {
+    /// Positions of the lower walls.
+    pub lower: [f64; 3],
+    /// Positions of the upper walls.
+    pub upper: [f64; 3],
+    pub lattice: Lattice,
+    pub forms: Forms,
+    /// A typical distance of neighbours (a power of two) and the largest weight.
+    pub reach: f64,
+    pub largest: f64,
+}
+
 impl Mesh {
-    pub fn new(points: Vec<[f64; 4]>, label: Vec<u32>, frame: &Frame, forms: Forms) -> Self {
+    pub fn new(points: Vec<[f64; 4]>, label: Vec<u32>, space: &Space) -> Self {
         let n = points.len();
-        let volume: f64 = frame.size.iter().product();
-        let spacing = (volume / n.max(1) as f64).cbrt().max(1.0);
-        let reach = spacing.log2().round().exp2();
-        let largest = points.iter().map(|p| p[3]).fold(0.0, f64::max);
         Mesh {
             label,
-            size: frame.size,
-            forms,
-            reach,
-            filter: Filter::new(reach, largest),
+            lower: space.lower,
+            upper: space.upper,
+            lattice: space.lattice,
+            torus: space.lattice.periodic != [false; 3],
+            forms: space.forms,
+            reach: space.reach,
+            filter: Filter::new(space.reach, space.largest),
             pores: Vec::with_capacity(7 * n + 8),
             stamp: Vec::with_capacity(7 * n + 8),
             round: 0,
@@ -124,6 +141,12 @@ impl Mesh {
         }
     }
 
+    /// Takes over the pores of a coarser triangulation of some of the grains of a torus.
+    pub fn resume(&mut self, pores: Vec<Pore>, hidden: Vec<u32>) {
+        self.stamp = vec![0; pores.len()];
+        (self.pores, self.hidden) = (pores, hidden);
+    }
+
     /// Inserts a grain; grains it hides, or itself if it is hidden, go to [`hidden`](Self::hidden).
     pub fn insert(&mut self, grain: u32) {
         let query = self.points[grain as usize];
@@ -148,36 +171,79 @@ impl Mesh {
     #[inline(always)]
     fn row(&self, vertex: u32, query: [f64; 4]) -> Row {
         match self.points.get(vertex as usize) {
-            Some(&point) => predicates::grain_row(point, query),
+            Some(&p) => {
+                let d = self.lattice.nearest([p[0] - query[0], p[1] - query[1], p[2] - query[2]]);
+                predicates::grain_row(d, p[3] - query[3])
+            }
             None => self.wall_row(vertex as usize - self.points.len(), query),
         }
     }
 
     fn wall_row(&self, face: usize, query: [f64; 4]) -> Row {
         let axis = face / 2;
-        let (normal, distance) =
-            if face % 2 == 0 { (-1.0, query[axis]) } else { (1.0, self.size[axis] - query[axis]) };
+        let normal = if face % 2 == 0 { -1.0 } else { 1.0 };
+        let distance = self.distance(face, query);
         let l = 2.0 * distance * self.reach;
         let mut d = [0.0; 3];
         d[axis] = normal * self.reach;
         Row { x: d[0], y: d[1], z: d[2], l, t: l }
     }
 
-    fn exact_row(&self, vertex: u32, grain: u32) -> ExactRow {
-        let query = self.points[grain as usize];
+    /// Distance of a query from a wall.
+    fn distance(&self, face: usize, query: [f64; 4]) -> f64 {
+        let axis = face / 2;
+        if face % 2 == 0 { query[axis] - self.lower[axis] } else { self.upper[axis] - query[axis] }
+    }
+
+    /// The rows of a pore, all seen in the same image.
+    ///
+    /// In a torus the nearest of the four is met at its nearest image (it lies within two radii of the largest power
+    /// sphere, of which six fit into a period), the others from there.
+    fn rows(&self, vertex: [u32; 4], query: [f64; 4]) -> [Row; 4] {
+        let mut rows = [Row::default(); 4];
+        for k in 0..4 {
+            rows[k] = self.row(vertex[k], query);
+        }
+        if self.torus {
+            let square = |r: &Row| r.x * r.x + r.y * r.y + r.z * r.z;
+            let grains = (0..4).filter(|&k| (vertex[k] as usize) < self.points.len());
+            let base = grains.min_by(|&i, &j| square(&rows[i]).total_cmp(&square(&rows[j]))).unwrap_or(0);
+            for k in (0..4).filter(|&k| k != base) {
+                rows[k] = self.row_beside(vertex[k], vertex[base], &rows[base], query);
+            }
+        }
+        rows
+    }
+
+    /// The row of a vertex in the image nearest to another grain of the same pore.
+    fn row_beside(&self, vertex: u32, beside: u32, row: &Row, query: [f64; 4]) -> Row {
         match self.points.get(vertex as usize) {
             Some(p) => {
-                let d = [0, 1, 2].map(|k| (p[k] - query[k]) as i64);
+                let b = self.points[beside as usize];
+                let d = self.lattice.nearest([p[0] - b[0], p[1] - b[1], p[2] - b[2]]);
+                predicates::grain_row([d[0] + row.x, d[1] + row.y, d[2] + row.z], p[3] - query[3])
+            }
+            None => self.row(vertex, query),
+        }
+    }
+
+    /// The exact direction of a row: whole numbers.
+    fn exact_direction(&self, vertex: u32, row: &Row) -> [i64; 3] {
+        let scale = if (vertex as usize) < self.points.len() { 1.0 } else { self.reach };
+        [row.x, row.y, row.z].map(|c| (c / scale) as i64)
+    }
+
+    fn exact_row(&self, vertex: u32, row: &Row, grain: u32) -> ExactRow {
+        let query = self.points[grain as usize];
+        let d = self.exact_direction(vertex, row);
+        match self.points.get(vertex as usize) {
+            Some(p) => {
                 let square: i128 = d.iter().map(|&c| i128::from(c) * i128::from(c)).sum();
                 let l = square - (p[3] as i128 - query[3] as i128);
                 ExactRow { d, l, grain: Some(self.label[vertex as usize]) }
             }
             None => {
-                let face = vertex as usize - self.points.len();
-                let axis = face / 2;
-                let mut d = [0; 3];
-                d[axis] = if face % 2 == 0 { -1 } else { 1 };
-                let distance = if face % 2 == 0 { query[axis] } else { self.size[axis] - query[axis] };
+                let distance = self.distance(vertex as usize - self.points.len(), query);
                 ExactRow { d, l: 2 * distance as i128, grain: None }
             }
         }
@@ -190,10 +256,7 @@ impl Mesh {
     fn locate(&self, query: [f64; 4], hint: u32) -> u32 {
         let (mut pore, mut from) = (hint, NONE);
         let mut vertex = self.pores[pore as usize].vertex;
-        let mut rows = [Row::default(); 4];
-        for k in 0..4 {
-            rows[k] = self.row(vertex[k], query);
-        }
+        let mut rows = self.rows(vertex, query);
         'walk: loop {
             let Pore { neighbour, .. } = self.pores[pore as usize];
             for k in 0..4 {
@@ -205,14 +268,19 @@ impl Mesh {
                 let (value, bound) = predicates::determinant(&rows[a], &rows[b], &rows[c]);
                 // In the order of FACET the determinant is the barycentric coordinate itself.
                 let outside =
-                    if value.abs() > bound { value < 0.0 } else { self.outside_exact(vertex, k, query) };
+                    if value.abs() > bound { value < 0.0 } else { self.outside_exact(vertex, &rows, k) };
                 if outside {
                     // Keep the three rows that the two pores share.
                     let (old, old_rows) = (vertex, rows);
                     vertex = self.pores[next as usize].vertex;
+                    let beside =
+                        FACET[k].into_iter().find(|&j| (old[j] as usize) < self.points.len()).unwrap_or(0);
                     for i in 0..4 {
                         rows[i] = match old.iter().position(|&v| v == vertex[i]) {
                             Some(j) => old_rows[j],
+                            None if self.torus => {
+                                self.row_beside(vertex[i], old[beside], &old_rows[beside], query)
+                            }
                             None => self.row(vertex[i], query),
                         };
                     }
@@ -225,23 +293,31 @@ impl Mesh {
     }
 
     #[cold]
-    fn outside_exact(&self, vertex: [u32; 4], k: usize, query: [f64; 4]) -> bool {
-        let d = |j: usize| match self.points.get(vertex[j] as usize) {
-            Some(p) => [0, 1, 2].map(|i| (p[i] - query[i]) as i64),
-            None => {
-                let face = vertex[j] as usize - self.points.len();
-                let mut d = [0; 3];
-                d[face / 2] = if face % 2 == 0 { -1 } else { 1 };
-                d
-            }
-        };
+    fn outside_exact(&self, vertex: [u32; 4], rows: &[Row; 4], k: usize) -> bool {
         let [a, b, c] = match k {
             0 => [1, 2, 3],
             1 => [0, 2, 3],
             2 => [0, 1, 3],
             _ => [0, 1, 2],
         };
+        let d = |j: usize| self.exact_direction(vertex[j], &rows[j]);
         predicates::side_exact(k, [&d(a), &d(b), &d(c)]) < 0
+    }
+
+    /// Centre and power of the sphere of a pore, accurate even if the pore is nearly flat.
+    pub fn sphere(&self, pore: u32) -> ([f64; 3], f64) {
+        let Pore { vertex, sphere, .. } = self.pores[pore as usize];
+        if !sphere.power.is_nan() {
+            return (sphere.centre, sphere.power);
+        }
+        // From one of its grains: the first in the order of the facets.
+        let base = (0..4).find(|&k| (vertex[k] as usize) < self.points.len()).unwrap_or(0);
+        let query = self.points[vertex[base] as usize];
+        let row = |k: usize| self.exact_row(vertex[k], &self.row(vertex[k], query), vertex[base]);
+        let [a, b, c] = FACET[base];
+        let c = predicates::centre_exact([&row(a), &row(b), &row(c)]);
+        let power = c[0] * c[0] + c[1] * c[1] + c[2] * c[2] - query[3];
+        ([query[0] + c[0], query[1] + c[1], query[2] + c[2]], power)
     }
 
     /// Places of the vertices of a pore in `near`.
@@ -266,26 +342,24 @@ impl Mesh {
     }
 
     #[inline(always)]
-    fn conflict(&mut self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
-        let (value, bound) = self.filter.power(&self.pores[pore as usize].sphere, query);
+    fn conflict(&self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
+        let (value, bound) = self.filter.power(&self.pores[pore as usize].sphere, query, &self.lattice);
         // The bound of an inaccurate sphere is not a number.
         if value.abs() > bound { value < 0.0 } else { self.conflict_rows(pore, grain, query) }
     }
 
     #[cold]
-    fn conflict_rows(&mut self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
-        let near = self.look(pore, query);
-        let row = |k: usize| &self.near[near[k] as usize].row;
-        let (value, bound) = predicates::power([row(0), row(1), row(2), row(3)]);
-        if value.abs() > bound { value > 0.0 } else { self.conflict_exact(near, grain) }
-    }
-
-    #[cold]
-    fn conflict_exact(&self, near: [u32; 4], grain: u32) -> bool {
-        let rows = near.map(|k| self.exact_row(self.near[k as usize].vertex, grain));
-        let p = self.points[grain as usize];
-        let query =
-            ExactQuery { place: [p[0] as i64, p[1] as i64, p[2] as i64], grain: self.label[grain as usize] };
+    fn conflict_rows(&self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
+        let vertex = self.pores[pore as usize].vertex;
+        let rows = self.rows(vertex, query);
+        let (value, bound) = predicates::power([&rows[0], &rows[1], &rows[2], &rows[3]]);
+        if value.abs() > bound {
+            return value > 0.0;
+        }
+        let rows = [0, 1, 2, 3].map(|k| self.exact_row(vertex[k], &rows[k], grain));
+        // Relative to the lower walls: not negative.
+        let place = [0, 1, 2].map(|k| (query[k] - self.lower[k]) as i64);
+        let query = ExactQuery { place, grain: self.label[grain as usize] };
         predicates::conflict_exact(&rows, &query, &self.forms)
     }
 

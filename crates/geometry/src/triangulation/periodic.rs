@@ -1,0 +1,263 @@
+//! Periodic cells: a coarse triangulation of images, closed into a torus, then insertion in the torus.
+//!
+//! All grains of a small sample, or a well-spread subset of a large one, are triangulated with as many of their images
+//! around one period as it takes (found by checking every power sphere, no length to choose). If the
+//! power spheres are small enough, the pores of one period become a torus, a mesh in which differences are taken to the nearest image, and
+//! the other grains are inserted there: no image is stored, no shift is carried along.
+
+use super::canonical::{self, PeriodicPore};
+use super::lattice::Lattice;
+use super::mesh::{FREE, Mesh, Pore, Space};
+use super::{NONE, Triangulation, TriangulationError};
+use crate::order;
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// The largest power sphere of a torus, by its radius `rho` (with the largest weight added), must fit this often into the
+/// distance of lattice planes. Vertices of a pore are at most `2 rho` apart, the query at most `2 rho` from the
+/// vertices of pores in conflict and `3 rho` from the centres of their neighbours: half a period each.
+const FIT: f64 = 6.0;
+
+/// A vertex of a pore among images: the grain and its period along the reduced basis.
+type Image = (u32, [i32; 3]);
+
+/// Pores of one period, with true neighbours.
+struct Period {
+    pores: Vec<Pore>,
+    shifts: Vec<[[i32; 3]; 4]>,
+    hidden: Vec<u32>,
+    /// Largest `power + largest weight`: the square of `rho`.
+    square: f64,
+}
+
+/// `points` in space-filling order; `label` and `periods` (taken away from each grain of the user's numbering).
+pub(super) fn triangulate(
+    points: &[[f64; 4]],
+    label: &[u32],
+    periods: &[[i32; 3]],
+    space: &Space,
+    spacing: f64,
+) -> Result<Triangulation, TriangulationError> {
+    let n = points.len();
+    if n == 0 {
+        return Ok(Triangulation::default());
+    }
+    let height = space.lattice.least_height();
+    // Spheres of a well-spread subset have a radius of about 1.4 distances.
+    let mut first = (n as f64 * (1.4 * FIT * spacing / height).powi(3)).max(4.0);
+    loop {
+        let whole = first > 0.7 * n as f64;
+        let (order, length) = order::rounds(n, if whole { n } else { first as usize });
+        let (subset, rest) = order.split_at(if whole { n } else { length });
+        let period =
+            one_period(points, label, subset, space, spacing * (n as f64 / subset.len() as f64).cbrt());
+        if whole {
+            let raw = |k: usize| raw(label, periods, &space.lattice, &period.pores[k], period.shifts[k]);
+            let pores: Vec<PeriodicPore> = (0..period.pores.len()).map(raw).collect();
+            let hidden = period.hidden.iter().map(|&g| label[g as usize]).collect();
+            return canonical::number_periodic(&pores, n, hidden);
+        }
+        if FIT * period.square.sqrt() < height * (1.0 - 1e-9) {
+            let mut mesh = Mesh::new(points.to_vec(), label.to_vec(), space);
+            mesh.resume(period.pores, period.hidden);
+            rest.iter().for_each(|&grain| mesh.insert(grain));
+            return unfold(&mesh, points, label, periods, &space.lattice);
+        }
+        first *= 2.0;
+    }
+}
+
+/// The pores of a torus with the shifts that lead from vertex to vertex.
+fn unfold(
+    mesh: &Mesh,
+    points: &[[f64; 4]],
+    label: &[u32],
+    periods: &[[i32; 3]],
+    lattice: &Lattice,
+) -> Result<Triangulation, TriangulationError> {
+    let mut number = vec![NONE; mesh.pores.len()];
+    let mut live = 0;
+    for (place, pore) in number.iter_mut().zip(&mesh.pores) {
+        if pore.vertex[0] != FREE {
+            *place = live;
+            live += 1;
+        }
+    }
+    let mut pores = Vec::with_capacity(live as usize);
+    for pore in mesh.pores.iter().filter(|p| p.vertex[0] != FREE) {
+        let mut shift = [[0; 3]; 4];
+        let mut base = None;
+        for k in 0..4 {
+            if let Some(p) = points.get(pore.vertex[k] as usize) {
+                let b: &[f64; 4] = base.get_or_insert(*p);
+                shift[k] =
+                    lattice.shift_to_nearest([p[0] - b[0], p[1] - b[1], p[2] - b[2]]).map(|c| c as i32);
+            }
+        }
+        let mut raw = raw(label, periods, lattice, pore, shift);
+        raw.neighbour = raw.neighbour.map(|p| if p == NONE { NONE } else { number[p as usize] });
+        pores.push(raw);
+    }
+    let hidden = mesh.hidden.iter().map(|&g| label[g as usize]).collect();
+    canonical::number_periodic(&pores, points.len(), hidden)
+}
+
+/// A pore in the user's numbering and periods.
+fn raw(
+    label: &[u32],
+    periods: &[[i32; 3]],
+    lattice: &Lattice,
+    pore: &Pore,
+    shift: [[i32; 3]; 4],
+) -> PeriodicPore {
+    let n = label.len();
+    let mut raw = PeriodicPore { vertex: [0; 4], shift: [[0; 3]; 4], neighbour: pore.neighbour };
+    for k in 0..4 {
+        let v = pore.vertex[k] as usize;
+        if v < n {
+            raw.vertex[k] = label[v];
+            let taken = periods[label[v] as usize];
+            raw.shift[k] = lattice.along_edges([0, 1, 2].map(|j| shift[k][j] - taken[j]));
+        } else {
+            raw.vertex[k] = super::FIRST_WALL + (v - n) as u32;
+        }
+    }
+    raw
+}
+
+/// Triangulates the subset with enough images and keeps one period.
+fn one_period(points: &[[f64; 4]], label: &[u32], subset: &[u32], space: &Space, spacing: f64) -> Period {
+    let mut margin = 3.0 * spacing;
+    loop {
+        let images = Images::new(points, subset, &space.lattice, margin);
+        match images.period(points, label, space, margin) {
+            Ok(period) => return period,
+            Err(more) => margin = more,
+        }
+    }
+}
+
+struct Images {
+    source: Vec<Image>,
+    points: Vec<[f64; 4]>,
+    lower: [f64; 3],
+    upper: [f64; 3],
+}
+
+impl Images {
+    /// All images of the subset within a distance of the first period.
+    fn new(points: &[[f64; 4]], subset: &[u32], lattice: &Lattice, margin: f64) -> Self {
+        let mut images = Images { source: Vec::new(), points: Vec::new(), lower: [0.0; 3], upper: [0.0; 3] };
+        let reach = [0, 1, 2].map(|j| margin / lattice.height(j));
+        for &grain in subset {
+            let [x, y, z, w] = points[grain as usize];
+            let f = lattice.coordinates([x, y, z]);
+            let range = |j: usize| {
+                if lattice.periodic[j] {
+                    (-reach[j] - f[j]).ceil() as i32..=(1.0 + reach[j] - f[j]).floor() as i32
+                } else {
+                    0..=0
+                }
+            };
+            for (i, j, k) in
+                range(0).flat_map(|i| range(1).flat_map(move |j| range(2).map(move |k| (i, j, k))))
+            {
+                let [x, y, z] = lattice.moved([x, y, z], [f64::from(i), f64::from(j), f64::from(k)]);
+                images.source.push((grain, [i, j, k]));
+                images.points.push([x, y, z, w]);
+            }
+        }
+        for axis in (0..3).filter(|&j| (0..3).any(|k| lattice.step[k][j] != 0.0)) {
+            let all = || images.points.iter().map(|p| p[axis]);
+            images.lower[axis] = all().fold(f64::INFINITY, f64::min) - margin.ceil();
+            images.upper[axis] = all().fold(f64::NEG_INFINITY, f64::max) + margin.ceil();
+        }
+        images
+    }
+
+    /// The pores of one period, or the margin it takes.
+    fn period(
+        mut self,
+        points: &[[f64; 4]],
+        label: &[u32],
+        space: &Space,
+        margin: f64,
+    ) -> Result<Period, f64> {
+        let lattice = space.lattice;
+        let mut within = Space { lattice: Lattice::none(), lower: self.lower, upper: self.upper, ..*space };
+        for axis in (0..3).filter(|&k| !lattice.periodic[k]) {
+            (within.lower[axis], within.upper[axis]) = (space.lower[axis], space.upper[axis]);
+        }
+        let place = |p: &[f64; 4]| DVec3::new(p[0], p[1], p[2]);
+        let order = order::sorted(self.points.iter().map(place), within.lower.into(), within.upper.into());
+        self.source = order.iter().map(|&i| self.source[i as usize]).collect();
+        self.points = order.iter().map(|&i| self.points[i as usize]).collect();
+        let labels = self.source.iter().map(|s| label[s.0 as usize]).collect();
+        let count = self.points.len();
+        let mut mesh = Mesh::new(self.points, labels, &within);
+        let mut rounds = order::rounds(count, 4).0.into_iter();
+        mesh.start(rounds.next().unwrap_or(0));
+        rounds.for_each(|grain| mesh.insert(grain));
+
+        let wall = |v: u32| v as usize >= count;
+        let image = |v: u32| if wall(v) { (v, [0; 3]) } else { self.source[v as usize] };
+        let mut period = Period { pores: Vec::new(), shifts: Vec::new(), hidden: Vec::new(), square: 0.0 };
+        let mut number: HashMap<[Image; 4], u32> = HashMap::new();
+        let mut needed = 0.0f64;
+        for (k, pore) in mesh.pores.iter().enumerate().filter(|(_, p)| p.vertex[0] != FREE) {
+            let images = pore.vertex.map(image);
+            if !(0..4).any(|k| !wall(pore.vertex[k]) && images[k].1 == [0; 3]) {
+                continue;
+            }
+            // The sphere, widened by the largest weight, must not reach beyond the images, nor end at a wall that is none.
+            let artificial = |v: u32| wall(v) && lattice.periodic[(v as usize - count) / 2];
+            if pore.vertex.into_iter().any(artificial) {
+                return Err(1.6 * margin);
+            }
+            let (centre, power) = mesh.sphere(k as u32);
+            let square = (power + space.largest).max(0.0);
+            let radius = square.sqrt() * (1.0 + 1e-9) + 1.0;
+            let f = lattice.coordinates(centre);
+            for j in (0..3).filter(|&j| lattice.periodic[j]) {
+                needed = needed.max(radius + lattice.height(j) * (-f[j]).max(f[j] - 1.0));
+            }
+            period.square = period.square.max(square);
+            let (key, first) = normal(images, wall, pore.vertex);
+            if first == [0; 3] {
+                number.insert(key, period.pores.len() as u32);
+                period.pores.push(*pore);
+                period.shifts.push(images.map(|i| i.1));
+            }
+        }
+        if needed > margin {
+            return Err(1.05 * needed);
+        }
+        let n = points.len() as u32;
+        for pore in &mut period.pores {
+            pore.vertex = pore.vertex.map(|v| if wall(v) { n + v - count as u32 } else { image(v).0 });
+            for p in &mut pore.neighbour {
+                if *p == NONE {
+                    continue;
+                }
+                let vertex = mesh.pores[*p as usize].vertex;
+                match number.get(&normal(vertex.map(image), wall, vertex).0) {
+                    Some(&across) => *p = across,
+                    None => return Err(1.3 * margin),
+                }
+            }
+        }
+        let base = mesh.hidden.iter().map(|&v| self.source[v as usize]).filter(|s| s.1 == [0; 3]);
+        period.hidden = base.map(|s| s.0).collect();
+        Ok(period)
+    }
+}
+
+/// The vertices of a pore, sorted, with the shifts relative to the first; and that of the first.
+fn normal(images: [Image; 4], wall: impl Fn(u32) -> bool, vertex: [u32; 4]) -> ([Image; 4], [i32; 3]) {
+    let mut sorted = [0, 1, 2, 3].map(|k| (wall(vertex[k]), images[k]));
+    sorted.sort_unstable(); // walls last
+    let first = sorted[0].1.1;
+    let relative =
+        |(wall, (v, s)): (bool, Image)| (v, if wall { s } else { [0, 1, 2].map(|j| s[j] - first[j]) });
+    (sorted.map(relative), first)
+}
