@@ -71,7 +71,8 @@ impl Lattice {
         let lengths: f64 = basis.iter().map(|b| b.length()).product();
         let matrix = DMat3::from_cols(basis[0], basis[1], basis[2]);
         // A reduced basis spans at least 1/sqrt(2) of the box of its lengths.
-        if !(matrix.determinant().abs() > 1e-3 * lengths) {
+        let volume = matrix.determinant().abs();
+        if volume.is_nan() || volume <= 1e-3 * lengths {
             return None;
         }
         let inverse = matrix.inverse();
@@ -103,7 +104,8 @@ impl Lattice {
 
     /// Coordinates in periods (zero along walled axes).
     pub fn coordinates(&self, x: [f64; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|j| self.dual[j][0] * x[0] + self.dual[j][1] * x[1] + self.dual[j][2] * x[2])
+        let dot = |d: &[f64; 3]| d[0] * x[0] + d[1] * x[1] + d[2] * x[2];
+        [dot(&self.dual[0]), dot(&self.dual[1]), dot(&self.dual[2])]
     }
 
     /// `x` moved by whole periods.
@@ -121,11 +123,13 @@ impl Lattice {
     /// The nearest image of a difference (coordinates within half a period).
     #[inline(always)]
     pub fn nearest(&self, d: [f64; 3]) -> [f64; 3] {
-        if d[0].abs() < self.safe && d[1].abs() < self.safe && d[2].abs() < self.safe {
-            d
-        } else {
-            self.nearest_far(d)
-        }
+        if self.is_nearest(d) { d } else { self.nearest_far(d) }
+    }
+
+    /// Whether a difference is surely its own nearest image.
+    #[inline(always)]
+    pub fn is_nearest(&self, d: [f64; 3]) -> bool {
+        d[0].abs() < self.safe && d[1].abs() < self.safe && d[2].abs() < self.safe
     }
 
     #[inline(never)]
@@ -135,7 +139,9 @@ impl Lattice {
 
     /// The periods to add to a difference to get its nearest image.
     pub fn shift_to_nearest(&self, d: [f64; 3]) -> [f64; 3] {
-        self.coordinates(d).map(|c| -c.round())
+        const BIG: f64 = (3u64 << 51) as f64; // adding it rounds to whole numbers, halves to even
+        let [a, b, c] = self.coordinates(d);
+        [-((a + BIG) - BIG), -((b + BIG) - BIG), -((c + BIG) - BIG)]
     }
 
     /// Periods along the reduced basis as periods along the edges of the cell.

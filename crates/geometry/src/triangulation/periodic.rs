@@ -75,31 +75,32 @@ fn unfold(
     periods: &[[i32; 3]],
     lattice: &Lattice,
 ) -> Result<Triangulation, TriangulationError> {
-    let mut number = vec![NONE; mesh.pores.len()];
-    let mut live = 0;
-    for (place, pore) in number.iter_mut().zip(&mesh.pores) {
-        if pore.vertex[0] != FREE {
-            *place = live;
-            live += 1;
-        }
+    // The vertices of a pore are different grains, at their nearest images: shifts follow from the numbering.
+    let mut t = canonical::number(mesh, points.len());
+    let mut place = vec![[0.0; 4]; points.len()];
+    for (&g, &point) in label.iter().zip(points) {
+        place[g as usize] = point;
     }
-    let mut pores = Vec::with_capacity(live as usize);
-    for pore in mesh.pores.iter().filter(|p| p.vertex[0] != FREE) {
-        let mut shift = [[0; 3]; 4];
-        let mut base = None;
-        for k in 0..4 {
-            if let Some(p) = points.get(pore.vertex[k] as usize) {
-                let b: &[f64; 4] = base.get_or_insert(*p);
-                shift[k] =
-                    lattice.shift_to_nearest([p[0] - b[0], p[1] - b[1], p[2] - b[2]]).map(|c| c as i32);
+    t.shifts.reserve_exact(t.pores.len());
+    for pore in &t.pores {
+        let base = pore[0] as usize;
+        let mut shifts = [[0; 3]; 4];
+        for k in 1..4 {
+            let grain = pore[k] as usize;
+            let (Some(p), b) = (place.get(grain), &place[base]) else { continue };
+            let d = [p[0] - b[0], p[1] - b[1], p[2] - b[2]];
+            if lattice.is_nearest(d) && periods[grain] == periods[base] {
+                continue;
+            }
+            let near = lattice.shift_to_nearest(d);
+            let shift = [0, 1, 2].map(|j| near[j] as i32 + periods[base][j] - periods[grain][j]);
+            for (small, whole) in shifts[k].iter_mut().zip(lattice.along_edges(shift)) {
+                *small = i8::try_from(whole).map_err(|_| TriangulationError::Far { grain })?;
             }
         }
-        let mut raw = raw(label, periods, lattice, pore, shift);
-        raw.neighbour = raw.neighbour.map(|p| if p == NONE { NONE } else { number[p as usize] });
-        pores.push(raw);
+        t.shifts.push(shifts);
     }
-    let hidden = mesh.hidden.iter().map(|&g| label[g as usize]).collect();
-    canonical::number_periodic(&pores, points.len(), hidden)
+    Ok(t)
 }
 
 /// A pore in the user's numbering and periods.
