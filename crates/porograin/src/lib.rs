@@ -3,16 +3,23 @@
 pub mod boundary;
 pub mod case;
 pub mod contact;
+pub mod fluid;
 pub mod grains;
+pub mod gravity;
 pub mod import;
 pub mod model;
+pub mod motion;
 pub mod output;
 pub mod permeability;
 pub mod pores;
+pub mod stability;
 pub mod state;
+pub mod step;
+pub mod timers;
 pub mod watch;
 
 pub use boundary::{Domain, Face, Signal, Slip, Solid, Water};
 pub use grains::{Grains, Loads};
 pub use model::{Flow, FluidModel, Model, TimeStep};
 pub use state::State;
+pub use step::{Report, StepError, Work, step};

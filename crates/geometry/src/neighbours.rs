@@ -1,0 +1,267 @@
+//! Who is near whom: pairs of grains, and of grains and walls, closer than a skin.
+
+use crate::cell::Cell;
+use crate::triangulation::FIRST_WALL;
+use glam::{DVec3, IVec3};
+
+/// Part of the mean radius by which a pair may be apart and still be listed, unless set otherwise.
+const SKIN: f64 = 0.15;
+
+/// The near pairs: every pair whose surfaces are closer than the skin, and none twice.
+///
+/// The list is a superset of the touching pairs and stays one until some surface has moved by half the skin; only
+/// then is it built anew, by a cell list, in time linear in the number of grains. How large the skin is and when the
+/// list was built are therefore of no consequence for what is computed from the touching pairs.
+#[derive(Clone, Debug, Default)]
+pub struct Neighbours {
+    /// Pairs `(i, j)`, `i < j`, or `(i, FIRST_WALL + face)`, sorted.
+    pub pairs: Vec<[u32; 2]>,
+    /// Largest gap of a listed pair when the list was built [m].
+    skin: f64,
+    /// Centres, radii and box when the list was built.
+    position: Vec<DVec3>,
+    radius: Vec<f64>,
+    cell: Option<Cell>,
+    grid: Grid,
+}
+
+impl Neighbours {
+    /// Makes the list valid for these grains, building it anew only if it has to be; returns whether it was.
+    ///
+    /// `position` and `radius` [m] hold one entry per grain, `reach` [m] is the gap up to which a law acts.
+    pub fn refresh(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
+        if self.holds(cell, position, radius, reach) {
+            return false;
+        }
+        self.build(cell, position, radius, reach);
+        true
+    }
+
+    /// Whether no surface has moved so far that an unlisted pair could be within `reach`.
+    fn holds(&self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
+        let Some(old) = &self.cell else { return false };
+        if position.len() != self.position.len() || cell.periodic != old.periodic {
+            return false;
+        }
+        let allowed = 0.5 * (self.skin - reach);
+        let lower = (cell.origin - old.origin).abs().max_element();
+        let upper = (cell.upper() - old.upper()).abs().max_element();
+        if lower.max(upper) > allowed {
+            return false;
+        }
+        let mut worst = f64::NEG_INFINITY;
+        for k in 0..position.len() {
+            // |dx| + dR <= allowed, without the root: a shrinking grain only helps.
+            let spare = allowed - (radius[k] - self.radius[k]).max(0.0);
+            let moved = (position[k] - self.position[k]).length_squared();
+            worst = worst.max(moved - spare * spare.abs());
+        }
+        worst <= 0.0
+    }
+
+    fn build(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) {
+        let n = position.len();
+        let mean = radius.iter().sum::<f64>() / n.max(1) as f64;
+        let largest = radius.iter().fold(0.0, |a: f64, &r| a.max(r));
+        self.skin = SKIN * mean + reach;
+        self.cell = Some(*cell);
+        self.position.clear();
+        self.position.extend_from_slice(position);
+        self.radius.clear();
+        self.radius.extend_from_slice(radius);
+        self.grid.fill(cell, position, 2.0 * largest + self.skin);
+
+        self.pairs.clear();
+        for i in 0..n {
+            let (own, room, first) = (position[i], radius[i] + self.skin, self.pairs.len());
+            for &j in self.grid.around(own) {
+                if j as usize > i {
+                    let within = room + radius[j as usize];
+                    if (position[j as usize] - own).length_squared() < within * within {
+                        self.pairs.push([i as u32, j]);
+                    }
+                }
+            }
+            self.pairs[first..].sort_unstable();
+            for face in 0..6 {
+                if !cell.periodic[face / 2] {
+                    let gap = (cell.wall_position(face) - own[face / 2]).abs() - radius[i];
+                    // A grain whose centre passed through the wall is found as well.
+                    if gap < self.skin {
+                        self.pairs.push([i as u32, FIRST_WALL + face as u32]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Grains sorted into cubes at least as large as the longest distance of a near pair.
+///
+/// `items` repeats no grain; [`around`](Grid::around) walks the 27 cubes about a point.
+#[derive(Clone, Debug, Default)]
+struct Grid {
+    lower: DVec3,
+    per_length: DVec3,
+    count: IVec3,
+    start: Vec<u32>,
+    items: Vec<u32>,
+    cube: Vec<u32>,
+}
+
+impl Grid {
+    /// Sorts the grains into cubes of at least `size` [m].
+    fn fill(&mut self, cell: &Cell, position: &[DVec3], size: f64) {
+        let extent = cell.upper() - cell.origin;
+        self.lower = cell.origin;
+        let mut size = size.max(1e-6 * extent.max_element());
+        loop {
+            self.count = (extent / size).floor().as_ivec3().clamp(IVec3::ONE, IVec3::splat(1 << 20));
+            // Never many more cubes than grains: a large empty box would cost memory for nothing.
+            if self.count.as_dvec3().element_product() <= 2.0 * position.len() as f64 + 8.0 {
+                break;
+            }
+            size *= 1.25;
+        }
+        self.per_length = self.count.as_dvec3() / extent;
+
+        let cubes = (self.count.x * self.count.y * self.count.z) as usize;
+        self.start.clear();
+        self.start.resize(cubes + 1, 0);
+        self.cube.clear();
+        for &x in position {
+            let cube = self.index(self.place(x));
+            self.cube.push(cube as u32);
+            self.start[cube + 1] += 1;
+        }
+        for cube in 0..cubes {
+            self.start[cube + 1] += self.start[cube];
+        }
+        self.items.clear();
+        self.items.resize(position.len(), 0);
+        // Filling from the back leaves `start` where each cube begins once all are placed.
+        for (k, &cube) in self.cube.iter().enumerate() {
+            let slot = &mut self.start[cube as usize];
+            self.items[*slot as usize] = k as u32;
+            *slot += 1;
+        }
+        self.start.copy_within(0..cubes, 1);
+        self.start[0] = 0;
+    }
+
+    #[inline]
+    fn place(&self, x: DVec3) -> IVec3 {
+        ((x - self.lower) * self.per_length).floor().as_ivec3().clamp(IVec3::ZERO, self.count - 1)
+    }
+
+    #[inline]
+    fn index(&self, place: IVec3) -> usize {
+        ((place.z * self.count.y + place.y) * self.count.x + place.x) as usize
+    }
+
+    /// The grains of the 27 cubes around a point. Three cubes in a row along x are one run of `items`.
+    #[inline]
+    fn around(&self, x: DVec3) -> impl Iterator<Item = &u32> {
+        let low = (self.place(x) - 1).max(IVec3::ZERO);
+        let high = (self.place(x) + 1).min(self.count - 1);
+        (low.z..=high.z).flat_map(move |z| {
+            (low.y..=high.y).flat_map(move |y| {
+                let from = self.start[self.index(IVec3::new(low.x, y, z))] as usize;
+                let to = self.start[self.index(IVec3::new(high.x, y, z)) + 1] as usize;
+                &self.items[from..to]
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::triangulation::wall;
+
+    /// A fixed sequence of numbers in [0, 1).
+    fn numbers(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        }
+    }
+
+    fn cloud(n: usize, box_size: DVec3, seed: u64) -> (Vec<DVec3>, Vec<f64>) {
+        let mut next = numbers(seed);
+        let position = (0..n).map(|_| DVec3::new(next(), next(), next()) * box_size).collect();
+        (position, (0..n).map(|_| 0.02 + 0.04 * next()).collect())
+    }
+
+    fn touching(cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> Vec<[u32; 2]> {
+        let mut found = Vec::new();
+        for i in 0..position.len() {
+            for j in i + 1..position.len() {
+                if position[i].distance(position[j]) < radius[i] + radius[j] + reach {
+                    found.push([i as u32, j as u32]);
+                }
+            }
+            for face in 0..6 {
+                if (cell.wall_position(face) - position[i][face / 2]).abs() < radius[i] + reach {
+                    found.push([i as u32, FIRST_WALL + face as u32]);
+                }
+            }
+        }
+        found
+    }
+
+    fn gap(cell: &Cell, position: &[DVec3], radius: &[f64], [i, j]: [u32; 2]) -> f64 {
+        let i = i as usize;
+        match wall(j) {
+            Some(face) => (cell.wall_position(face) - position[i][face / 2]).abs() - radius[i],
+            None => position[i].distance(position[j as usize]) - radius[i] - radius[j as usize],
+        }
+    }
+
+    #[test]
+    fn lists_exactly_the_pairs_within_the_skin_sorted() {
+        for (seed, size) in
+            [DVec3::ONE, DVec3::new(2.0, 0.11, 0.7), DVec3::splat(40.0)].into_iter().enumerate()
+        {
+            let (position, radius) = cloud(400, size, 1 + seed as u64);
+            let cell = Cell::walled(DVec3::ZERO, size);
+            let mut near = Neighbours::default();
+            assert!(near.refresh(&cell, &position, &radius, 0.0));
+            assert_eq!(near.pairs, touching(&cell, &position, &radius, near.skin));
+            assert!(!near.refresh(&cell, &position, &radius, 0.0));
+        }
+    }
+
+    #[test]
+    fn stays_a_superset_while_grains_walls_and_radii_change() {
+        let (mut position, mut radius) = cloud(300, DVec3::ONE, 5);
+        let mut cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+        let mut near = Neighbours::default();
+        let (mut next, mut rebuilt) = (numbers(9), 0);
+        for _ in 0..200 {
+            rebuilt += near.refresh(&cell, &position, &radius, 0.001) as u32;
+            for pair in touching(&cell, &position, &radius, 0.001) {
+                assert!(near.pairs.binary_search(&pair).is_ok(), "{pair:?}");
+            }
+            for (x, r) in position.iter_mut().zip(&mut radius) {
+                *x += (DVec3::new(next(), next(), next()) - 0.5) * 0.002;
+                *r *= 1.0 + 1e-3 * next();
+            }
+            cell = Cell::walled(cell.origin + DVec3::splat(1e-4), cell.upper() - DVec3::splat(1e-4));
+        }
+        assert!((10..150).contains(&rebuilt), "{rebuilt}");
+        let listed = near.pairs.iter().map(|&p| gap(&cell, &position, &radius, p));
+        assert!(listed.fold(0.0, f64::max) < 3.0 * near.skin);
+    }
+
+    #[test]
+    fn one_grain_and_none() {
+        let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+        let mut near = Neighbours::default();
+        near.refresh(&cell, &[], &[], 0.0);
+        assert!(near.pairs.is_empty());
+        near.refresh(&cell, &[DVec3::splat(0.5)], &[0.5], 0.0);
+        assert_eq!(near.pairs.len(), 6);
+    }
+}

@@ -1,0 +1,61 @@
+//! Which of the near pairs have come to touch since the last step.
+
+use super::pass::Scratch;
+use super::{Contacts, Surroundings};
+use glam::DVec3;
+
+/// Adds to `contacts` the near pairs that have come to touch; those that parted leave in the [pass](super::add).
+///
+/// `pairs` is the sorted list of near pairs, `rebuilt` whether it is new. The result depends on where the grains are
+/// and on `contacts` alone, not on the scratch.
+pub fn follow(
+    contacts: &mut Contacts,
+    surroundings: &Surroundings,
+    pairs: &[[u32; 2]],
+    rebuilt: bool,
+    scratch: &mut Scratch,
+) {
+    if rebuilt || scratch.known != contacts.len() {
+        scratch.apart.clear();
+        let mut touching = contacts.pairs.iter().peekable();
+        for pair in pairs {
+            while touching.next_if(|t| *t < pair).is_some() {}
+            if touching.next_if_eq(&pair).is_none() {
+                scratch.apart.push(*pair);
+            }
+        }
+    }
+    scratch.born.clear();
+    let mut k = 0;
+    while k < scratch.apart.len() {
+        if surroundings.touches(scratch.apart[k]) {
+            scratch.born.push(scratch.apart.swap_remove(k));
+        } else {
+            k += 1;
+        }
+    }
+    if !scratch.born.is_empty() {
+        scratch.born.sort_unstable();
+        insert(contacts, &scratch.born);
+    }
+    scratch.known = contacts.len();
+}
+
+/// Merges sorted new pairs, without memory, into the sorted contacts, from the back so that every entry moves once.
+fn insert(contacts: &mut Contacts, born: &[[u32; 2]]) {
+    let (mut old, mut new) = (contacts.len(), born.len());
+    contacts.pairs.resize(old + new, [0; 2]);
+    contacts.shear.resize(old + new, DVec3::ZERO);
+    while new > 0 {
+        let to = old + new - 1;
+        if old > 0 && contacts.pairs[old - 1] > born[new - 1] {
+            old -= 1;
+            contacts.pairs[to] = contacts.pairs[old];
+            contacts.shear[to] = contacts.shear[old];
+        } else {
+            new -= 1;
+            contacts.pairs[to] = born[new];
+            contacts.shear[to] = DVec3::ZERO;
+        }
+    }
+}

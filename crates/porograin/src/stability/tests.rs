@@ -1,0 +1,145 @@
+use super::*;
+use crate::boundary::{Domain, Face, Signal};
+use crate::contact::{Contacts, Law, Linear};
+use crate::step::{Work, step};
+
+const LAW: Linear = Linear { young: 1e6, stiffness_ratio: 0.5, friction: 60.0 };
+
+fn model(safety: f64) -> Model {
+    Model {
+        time_step: TimeStep::Automatic { safety },
+        gravity: DVec3::ZERO,
+        contact: Law::Linear(LAW),
+        damping: 0.0,
+        faces: std::array::from_fn(|_| Face { friction: 60.0, ..Face::default() }),
+        fluid: None,
+        stage_start: 0.0,
+    }
+}
+
+fn state(position: Vec<DVec3>, radius: Vec<f64>, upper: DVec3) -> State {
+    State {
+        time: 0.0,
+        step: 0,
+        dt: 0.0,
+        domain: Domain::walled(DVec3::ZERO, upper),
+        grains: Grains::at_rest(position, radius, 2000.0),
+        contacts: Contacts::default(),
+        fluid: None,
+    }
+}
+
+/// A block of cubic lattice, squeezed and jittered, pressed by its walls; radii differ by `spread`.
+fn block(spread: f64) -> State {
+    let (mut position, mut radius) = (Vec::new(), Vec::new());
+    for k in 0..216 {
+        let place = DVec3::new((k % 6) as f64, (k / 6 % 6) as f64, (k / 36) as f64);
+        let noise = (k as f64 * 2.3).sin();
+        position.push(0.97 * (2.0 * place + 1.0) + 0.01 * noise);
+        radius.push(1.0 + spread * (k as f64 * 7.7).sin() + 0.02);
+    }
+    state(position, radius, DVec3::splat(0.97 * 12.0))
+}
+
+/// Largest eigenvalue of `M⁻¹ K` by power iteration on the linearised contacts, walls fixed.
+fn largest(state: &State, model: &Model) -> f64 {
+    let (grains, law) = (&state.grains, model.contact.as_law());
+    let around = Surroundings::new(grains, &state.domain, &model.faces, 0.0);
+    let n = grains.len();
+    let mut shape: Vec<(DVec3, DVec3)> = (0..n)
+        .map(|k| {
+            let a = DVec3::new((k as f64 * 1.1).sin(), (k as f64 * 2.7).cos(), (k as f64 * 3.1).sin());
+            (a, DVec3::new(a.z, a.x, a.y) / grains.radius[k])
+        })
+        .collect();
+    let mut value = 0.0;
+    for _ in 0..2000 {
+        let mut next = vec![(DVec3::ZERO, DVec3::ZERO); n];
+        for &pair in &state.contacts.pairs {
+            let touch = around.touch(pair);
+            let (k, n, levers) = (law.stiffness(&touch), touch.normal, touch.levers());
+            let i = pair[0] as usize;
+            let mut gap = -shape[i].0 - levers[0] * shape[i].1.cross(n);
+            let second = wall(pair[1]).is_none().then_some(pair[1] as usize);
+            if let Some(j) = second {
+                gap += shape[j].0 - levers[1] * shape[j].1.cross(n);
+            }
+            let force = k.normal * gap.dot(n) * n + k.shear * (gap - gap.dot(n) * n);
+            next[i].0 -= force / grains.mass[i];
+            next[i].1 -= levers[0] * n.cross(force) / grains.inertia(i);
+            if let Some(j) = second {
+                next[j].0 += force / grains.mass[j];
+                next[j].1 -= levers[1] * n.cross(force) / grains.inertia(j);
+            }
+        }
+        let size = |s: &[(DVec3, DVec3)]| -> f64 {
+            (0..n)
+                .map(|k| {
+                    grains.mass[k] * s[k].0.length_squared() + grains.inertia(k) * s[k].1.length_squared()
+                })
+                .sum()
+        };
+        value = size(&next).sqrt();
+        shape = next.into_iter().map(|(a, b)| (a / value, b / value)).collect();
+    }
+    value
+}
+
+#[test]
+fn the_bound_holds_and_is_sharp() {
+    for (spread, sharp) in [(0.0, 1.12), (0.05, 1.3)] {
+        let (mut state, model) = (block(spread), model(1e-6));
+        step(&mut state, &model, &mut Work::default()).unwrap();
+        assert!(state.contacts.len() > 600);
+        let exact = 2.0 / largest(&state, &model).sqrt();
+        let bound = limit(&state, &model, &mut Vec::new()).seconds;
+        assert!(bound <= exact && exact < sharp * bound, "{bound} {exact} {}", exact / bound);
+    }
+}
+
+/// The frequency that the bound is compared with is the one at which leapfrog breaks down.
+#[test]
+fn just_below_the_limit_is_stable_and_just_above_is_not() {
+    let growth = |safety: f64| {
+        // Six walls squeeze one grain: it swings about the middle.
+        let mut state = state(vec![DVec3::splat(0.95)], vec![1.0], DVec3::splat(1.9));
+        let mut model = model(1e-6);
+        let mut work = Work::default();
+        step(&mut state, &model, &mut work).unwrap();
+        model.time_step = TimeStep::Fixed(safety * 2.0 / largest(&state, &model).sqrt());
+        state.grains.spin[0] = DVec3::new(0.0, 0.0, 1e-3);
+        let mut most = 0.0_f64;
+        for _ in 0..400 {
+            if step(&mut state, &model, &mut work).is_err() {
+                return f64::INFINITY;
+            }
+            most = most.max(state.grains.spin[0].length());
+        }
+        most
+    };
+    assert!(growth(0.98) < 1e-2, "{}", growth(0.98));
+    assert!(growth(1.05) > 1.0, "{}", growth(1.05));
+}
+
+#[test]
+fn grains_in_flight_and_light_pistons_set_the_limit() {
+    let mut model = model(0.5);
+    let mut flying = state(vec![DVec3::splat(2.0), DVec3::splat(7.0)], vec![1.0, 0.5], DVec3::splat(10.0));
+    flying.grains.id = vec![40, 41];
+    let alone = limit(&flying, &model, &mut Vec::new());
+    assert_eq!(alone.cause, Cause::Flight(41));
+    assert!(alone.seconds.is_finite());
+
+    let mut pressed = block(0.0);
+    model.faces[5].solid = Solid::Servo { stress: Signal::Constant(0.0), mass: Some(1.0), speed: None };
+    step(&mut pressed, &model, &mut Work::default()).unwrap();
+    assert_eq!(limit(&pressed, &model, &mut Vec::new()).cause, Cause::Piston(5));
+}
+
+#[test]
+fn eigenvalue_of_known_matrices() {
+    assert!((largest_eigenvalue([1.0, 5.0, 3.0, 0.0, 0.0, 0.0]) - 5.0).abs() < 1e-14);
+    assert!((largest_eigenvalue([2.0, 2.0, 2.0, 0.0, 0.0, 0.0]) - 2.0).abs() < 1e-14);
+    // 1 + n n with |n|² = 14: eigenvalues 1, 1, 15.
+    assert!((largest_eigenvalue([2.0, 5.0, 10.0, 6.0, 3.0, 2.0]) - 15.0).abs() < 1e-12);
+}

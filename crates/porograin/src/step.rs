@@ -1,0 +1,138 @@
+//! The whole time step on one page.
+
+use crate::boundary::FACE_NAMES;
+use crate::contact::{self, Surroundings};
+use crate::fluid;
+use crate::grains::Loads;
+use crate::gravity;
+use crate::model::Model;
+use crate::motion;
+use crate::stability::{self, Limit};
+use crate::state::State;
+use crate::timers::Timers;
+use glam::DVec3;
+use porograin_geometry::Neighbours;
+use std::fmt;
+
+/// Scratch of a run: dropping it between any two steps changes no bit of the result.
+///
+/// It follows one state through its steps. To go on with another state, or after changing who touches whom by
+/// hand, start from `Work::default()`.
+#[derive(Debug, Default)]
+pub struct Work {
+    /// Near pairs.
+    pub neighbours: Neighbours,
+    /// Pairs about to touch.
+    pub contacts: contact::Scratch,
+    /// Loads of the last step.
+    pub loads: Loads,
+    /// The water's.
+    pub fluid: fluid::Scratch,
+    /// Wall time by phase.
+    pub timers: Timers,
+    /// Stiffness seen by each grain.
+    held: Vec<stability::Held>,
+}
+
+/// What a step did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Length of the step [s].
+    pub dt: f64,
+    /// The stability limit, at the steps that looked at it.
+    pub limit: Option<Limit>,
+    /// Number of contacts at the beginning of the step.
+    pub contacts: usize,
+    /// What the water did.
+    pub water: Option<fluid::Report>,
+}
+
+/// Moves the state by one time step.
+pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report, StepError> {
+    let Work { neighbours, contacts, loads, fluid: water, timers, held } = work;
+    timers.start();
+
+    // Who is near whom.
+    let law = model.contact.as_law();
+    let State { grains, domain, contacts: touching, .. } = state;
+    let rebuilt = neighbours.refresh(&domain.cell, &grains.position, &grains.radius, law.reach());
+    let surroundings = Surroundings::new(grains, domain, &model.faces, law.friction());
+    contact::follow(touching, &surroundings, &neighbours.pairs, rebuilt, contacts);
+    timers.lap("neighbours");
+
+    // What acts on each grain. Every line only adds to `loads`.
+    loads.clear(grains.len());
+    gravity::add(loads, grains, model.gravity);
+    contact::add(loads, touching, &model.contact, &surroundings, state.dt, contacts);
+    timers.lap("contact");
+    let (dt, limit) = stability::time_step(state, model, held);
+    timers.lap("time step");
+    let flow = fluid::advance(state, model, dt, water)?;
+    fluid::add(loads, state, model, water);
+    timers.lap("fluid");
+
+    // Move.
+    motion::advance(state, model, loads, dt);
+    inside(state)?;
+    timers.lap("motion");
+    Ok(Report { dt, limit, contacts: state.contacts.len(), water: flow })
+}
+
+/// Refuses a state with a grain whose centre has left the box, or is nowhere at all, naming the first.
+fn inside(state: &State) -> Result<(), StepError> {
+    let (lower, upper) = (state.domain.cell.origin, state.domain.cell.upper());
+    // A comparison with NaN is false, so one test finds both.
+    let sound = |x: &DVec3| lower.cmple(*x).all() && x.cmple(upper).all();
+    let Some(k) = state.grains.position.iter().position(|x| !sound(x)) else { return Ok(()) };
+    let (grain, time, x) = (state.grains.id[k], state.time, state.grains.position[k]);
+    if !(x.is_finite() && lower.is_finite() && upper.is_finite()) {
+        return Err(StepError::NotFinite { grain, time });
+    }
+    let beyond = [lower.x - x.x, x.x - upper.x, lower.y - x.y, x.y - upper.y, lower.z - x.z, x.z - upper.z];
+    let face = (0..6).max_by(|&a, &b| beyond[a].total_cmp(&beyond[b])).unwrap_or(0);
+    Err(StepError::Outside { grain, time, face })
+}
+
+/// Why a step could not be done. Grains are named by their [id](crate::Grains::id).
+#[derive(Clone, Debug, PartialEq)]
+pub enum StepError {
+    /// A grain has no position any more.
+    NotFinite {
+        /// The first such grain.
+        grain: u32,
+        /// [s]
+        time: f64,
+    },
+    /// The centre of a grain has left the box.
+    Outside {
+        /// The first such grain.
+        grain: u32,
+        /// [s]
+        time: f64,
+        /// The face it passed.
+        face: usize,
+    },
+    /// The water cannot be computed.
+    Fluid(String),
+}
+
+impl fmt::Display for StepError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            StepError::NotFinite { grain, time } => write!(
+                f,
+                "the position of grain {grain} is not a number any more at t = {time:.6e} s: the time step is too long, \
+                 or grains overlapped deeply at the start"
+            ),
+            StepError::Outside { grain, time, face } => write!(
+                f,
+                "the centre of grain {grain} passed through the {} face at t = {time:.6e} s: the wall or the grain moves \
+                 too fast for the contact stiffness, the time step is too long, or grains overlapped deeply at the start",
+                FACE_NAMES[*face]
+            ),
+            StepError::Fluid(why) => f.write_str(why),
+        }
+    }
+}
+
+impl std::error::Error for StepError {}
