@@ -6,11 +6,13 @@
 mod build;
 mod check;
 mod error;
+mod implied;
 mod source;
 mod stage;
 
 pub use build::{Plan, Stage};
-pub use error::{CaseError, Place};
+pub use error::{CaseError, Place, nearest};
+pub use implied::{Implied, ImpliedStage, ImpliedWater};
 pub use stage::{StageTable, Until, Water as StageWater};
 
 use crate::boundary::{FACE_NAMES, Face, Slip, Solid, Water};
@@ -270,6 +272,7 @@ pub(crate) fn reason(error: &std::io::Error) -> String {
         std::io::ErrorKind::NotFound => "there is no such file".into(),
         std::io::ErrorKind::PermissionDenied => "permission denied".into(),
         std::io::ErrorKind::IsADirectory => "it is a folder".into(),
+        std::io::ErrorKind::NotADirectory => "a part of the path is not a folder".into(),
         std::io::ErrorKind::InvalidData => "it is not text".into(),
         _ => error.to_string(),
     }

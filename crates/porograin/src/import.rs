@@ -1,6 +1,6 @@
 //! Grains from a CSV file: one line `x,y,z,r` per grain [m]; lines that start with `#` and a line of names are skipped.
 
-use crate::case::{CaseError, Place};
+use crate::case::{CaseError, Place, reason};
 use glam::DVec3;
 
 /// Centres and radii [m], in the order of the file.
@@ -12,6 +12,15 @@ pub struct Spheres {
     pub radius: Vec<f64>,
     /// Line of each grain in the file, from 1.
     pub line: Vec<usize>,
+}
+
+/// The text of the grain file at `path`.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn read(path: &std::path::Path) -> Result<String, CaseError> {
+    std::fs::read_to_string(path)
+        .map_err(|e| CaseError::new(format!("cannot read the grain file {}: {}", path.display(), reason(&e))))
 }
 
 /// Reads the text of a file called `name`.

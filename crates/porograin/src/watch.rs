@@ -1,5 +1,12 @@
 //! Watchers: which measures go into the history, and when.
 
+use crate::grains::Loads;
+use crate::measure;
+use crate::model::Model;
+use crate::progress::Began;
+use crate::state::State;
+use crate::step::Report;
+use porograin_geometry::cell::NORMALS;
 use serde::{Deserialize, Serialize};
 
 /// When to do something again and again.
@@ -83,6 +90,19 @@ impl Measure {
         Measure::Outflow,
     ];
 
+    /// Its name in case files.
+    pub fn name(self) -> String {
+        let camel = format!("{self:?}");
+        let mut name = String::new();
+        for (k, c) in camel.chars().enumerate() {
+            if k > 0 && c.is_uppercase() {
+                name.push('-');
+            }
+            name.extend(c.to_lowercase());
+        }
+        name
+    }
+
     /// What it is, in one line.
     pub fn describe(self) -> &'static str {
         match self {
@@ -129,4 +149,48 @@ impl Measure {
             Measure::Outflow => faces("outflow", "m3/s"),
         }
     }
+}
+
+/// One instant of a run, just after a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Snapshot<'a> {
+    /// Name of the stage.
+    pub stage: &'a str,
+    /// The state.
+    pub state: &'a State,
+    /// What the step read.
+    pub model: &'a Model,
+    /// How the stage began.
+    pub began: &'a Began,
+    /// Loads of the step.
+    pub loads: &'a Loads,
+    /// What the step did.
+    pub report: &'a Report,
+}
+
+impl Measure {
+    /// Its values now, one per column; `None` when there is nothing to measure.
+    pub fn evaluate(self, now: &Snapshot) -> Option<Vec<f64>> {
+        let State { domain, grains, contacts, .. } = now.state;
+        Some(match self {
+            Measure::Porosity => vec![1.0 - grains.volume() / domain.cell.volume()],
+            Measure::Size => (domain.cell.upper() - domain.cell.origin).to_array().to_vec(),
+            Measure::Settlement => vec![now.began.settlement(now.state)],
+            Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
+            Measure::FaceStress => (0..6).map(|face| face_stress(now.state, face)).collect(),
+            Measure::Contacts => {
+                let count = contacts.len() as f64;
+                vec![count, count / grains.len() as f64]
+            }
+            Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
+            Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
+            Measure::TimeStep => vec![now.report.dt],
+            Measure::Pressure | Measure::PressureProfile | Measure::Outflow => return None,
+        })
+    }
+}
+
+/// Normal stress on a face, grains and water together, positive in compression [Pa].
+pub fn face_stress(state: &State, face: usize) -> f64 {
+    state.domain.wall_force[face].dot(NORMALS[face]) / state.domain.area(face)
 }

@@ -1,6 +1,6 @@
 //! From a case to what a simulation starts with: the state, the model of each stage, and when each stage ends.
 
-use super::{Case, CaseError, Cloud, Lattice, Packing, StageWater, Until, reason};
+use super::{Case, CaseError, Cloud, Lattice, Packing, StageTable, StageWater, Until};
 use crate::boundary::Domain;
 use crate::contact::{Contacts, Law};
 use crate::grains::Grains;
@@ -82,17 +82,6 @@ impl Case {
     pub fn plan(&self) -> Result<Plan, CaseError> {
         let (lower, upper) = self.corners();
         let grains = self.make_grains()?;
-        let stages = self
-            .stage
-            .iter()
-            .enumerate()
-            .map(|(k, stage)| Stage {
-                name: stage.name.clone(),
-                model: self.model(k, 0.0),
-                until: stage.until.clone(),
-                consolidation: stage.consolidation,
-            })
-            .collect();
         let state = State {
             time: 0.0,
             step: 0,
@@ -102,7 +91,18 @@ impl Case {
             contacts: Contacts::default(),
             fluid: None,
         };
-        Ok(Plan { state, stages })
+        Ok(Plan { state, stages: self.stages() })
+    }
+
+    /// The stages, complete.
+    pub fn stages(&self) -> Vec<Stage> {
+        let complete = |(k, stage): (usize, &StageTable)| Stage {
+            name: stage.name.clone(),
+            model: self.model(k, 0.0),
+            until: stage.until.clone(),
+            consolidation: stage.consolidation,
+        };
+        self.stage.iter().enumerate().map(complete).collect()
     }
 
     fn make_grains(&self) -> Result<Grains, CaseError> {
@@ -114,12 +114,8 @@ impl Case {
             Packing::File(file) => {
                 let path = self.folder.join(file);
                 let name = path.display().to_string();
-                let text = std::fs::read_to_string(&path).map_err(|e| {
-                    self.source.fault(
-                        "grains.packing.file",
-                        format!("cannot read the grain file {name}: {}", reason(&e)),
-                    )
-                })?;
+                let text =
+                    import::read(&path).map_err(|e| self.source.fault("grains.packing.file", e.sentence))?;
                 let spheres = import::spheres(&name, &text)?;
                 spheres.within(&name, &text, lower, upper)?;
                 Ok(Grains::at_rest(spheres.position, spheres.radius, density))

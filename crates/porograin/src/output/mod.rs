@@ -1,5 +1,11 @@
 //! What a run leaves behind: tables, pictures, ParaView files, checkpoints.
 
+pub mod chart;
+pub mod folder;
+mod frame;
+pub mod report;
+pub mod restart;
+pub mod summary;
 pub mod table;
 pub mod vtk;
 

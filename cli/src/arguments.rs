@@ -1,0 +1,255 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Fluid-saturated granular media, grain by grain and pore by pore.
+#[derive(Parser)]
+#[command(name = "porograin", version, about, max_term_width = 100)]
+#[command(
+    after_help = "Start with: porograin new 01-oedometer, then porograin run 01-oedometer/quick.toml\n\
+    Exit codes: 0 done, 1 the run failed, 2 bad input."
+)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Subcommand)]
+pub enum Command {
+    /// Run a case.
+    Run(Run),
+    /// Go on with a run that stopped, bit for bit as if it had not.
+    Resume(Resume),
+    /// Say what the numbers of a case imply, or why it cannot be run.
+    Check(Check),
+    /// List examples, contact laws, measures, boundary rules and packings.
+    List,
+    /// Copy an example to start from.
+    New {
+        /// Its name; see `porograin list`.
+        example: String,
+        /// The new folder; by default the name of the example.
+        folder: Option<PathBuf>,
+    },
+    /// Measure the permeability of a packing between two opposite faces of its box.
+    Permeability(Permeability),
+    /// Measure speed on a given packing.
+    Bench(Bench),
+}
+
+/// `porograin run`.
+#[derive(Args)]
+pub struct Run {
+    /// The case file.
+    pub case: PathBuf,
+    /// Folder of the results; by default `out/` and the name of the case. A run in it is never overwritten.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Override a value of the case, such as `contact.linear.friction=20` or `stage.load.until.time=1`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Threads; by default one per core. The results are the same bits with any number.
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub threads: Option<usize>,
+    /// Stop at this simulated time [s]; `porograin resume` goes on.
+    #[arg(long, value_name = "T", value_parser = positive)]
+    pub until: Option<f64>,
+    /// Say nothing but errors.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `porograin resume`.
+#[derive(Args)]
+pub struct Resume {
+    /// Folder of the run.
+    pub folder: PathBuf,
+    /// Stop at this simulated time [s].
+    #[arg(long, value_name = "T", value_parser = positive)]
+    pub until: Option<f64>,
+    /// Threads; by default one per core.
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub threads: Option<usize>,
+    /// Say nothing but errors.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `porograin check`.
+#[derive(Args)]
+pub struct Check {
+    /// The case file.
+    pub case: PathBuf,
+    /// Override a value of the case.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The packing a command works on.
+#[derive(Args)]
+pub struct Packing {
+    /// The box: x0,y0,z0,x1,y1,z1 [m].
+    #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
+    pub corners: Corners,
+}
+
+/// The low and the high corner of a box [m].
+#[derive(Clone, Copy, Debug)]
+pub struct Corners(pub [f64; 3], pub [f64; 3]);
+
+/// `porograin permeability`.
+#[derive(Args)]
+pub struct Permeability {
+    /// The grains: a CSV file of x,y,z,r [m].
+    pub grains: PathBuf,
+    #[command(flatten)]
+    pub packing: Packing,
+    /// Along which axis the water flows.
+    #[arg(long, value_enum, default_value = "z")]
+    pub axis: Axis,
+    /// What the water does at the four walls along the flow.
+    #[arg(long, value_enum, default_value = "symmetry")]
+    pub sides: Sides,
+    /// Dynamic viscosity [Pa s].
+    #[arg(long, value_name = "MU", default_value = "1e-3", value_parser = positive)]
+    pub viscosity: f64,
+    /// Pressure at the low face less that at the high face [Pa].
+    #[arg(long, value_name = "DP", default_value = "1", value_parser = positive)]
+    pub drop: f64,
+    /// How a throat conducts.
+    #[arg(long, value_enum, default_value = "hydraulic-radius")]
+    pub conductance: Conductance,
+    /// How to solve for the pressures.
+    #[arg(long, value_enum, default_value = "auto")]
+    pub solver: Solver,
+    /// Write the force and torque of the water on each grain: fx,fy,fz,tx,ty,tz, one line per grain in input order.
+    #[arg(long, value_name = "F.csv")]
+    pub forces: Option<PathBuf>,
+    /// Write grains and pores for ParaView into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub vtk: Option<PathBuf>,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `porograin bench`.
+#[derive(Args)]
+pub struct Bench {
+    /// What to measure.
+    #[arg(value_enum)]
+    pub what: What,
+    /// The grains: a CSV file of x,y,z,r [m].
+    #[arg(long, value_name = "GRAINS.csv")]
+    pub grains: PathBuf,
+    #[command(flatten)]
+    pub packing: Packing,
+    /// How many steps to time.
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u64>,
+    /// Dynamic viscosity [Pa s]; by default such that dt mu / (k rho) = 0.2.
+    #[arg(long, value_name = "MU", value_parser = positive)]
+    pub viscosity: Option<f64>,
+    /// Threads.
+    #[arg(long, value_name = "N", value_parser = at_least_one, default_value = "1")]
+    pub threads: usize,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// An axis of the box.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+/// What the water does at a wall along the flow.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Sides {
+    Symmetry,
+    NoSlip,
+}
+
+/// How a throat conducts.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Conductance {
+    HydraulicRadius,
+    EffectiveRadius,
+    LocalDrag,
+}
+
+/// How to solve for the pressures.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Solver {
+    Auto,
+    Cholesky,
+    Cg,
+}
+
+/// What to time.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum What {
+    /// The step without water.
+    Dry,
+    /// The step with water.
+    Coupled,
+    /// One permeability.
+    Permeability,
+}
+
+impl Command {
+    /// Whether one JSON object is to go to standard output.
+    pub fn json(&self) -> bool {
+        match self {
+            Command::Run(a) => a.json,
+            Command::Resume(a) => a.json,
+            Command::Check(a) => a.json,
+            Command::Permeability(a) => a.json,
+            Command::Bench(a) => a.json,
+            Command::List | Command::New { .. } => false,
+        }
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("a number greater than 0 is needed".into()),
+    }
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count > 0 => Ok(count),
+        _ => Err("a whole number, 1 or more, is needed".into()),
+    }
+}
+
+fn corners(text: &str) -> Result<Corners, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
+    let &[x0, y0, z0, x1, y1, z1] = numbers.as_slice() else {
+        return Err("six numbers x0,y0,z0,x1,y1,z1 are needed".into());
+    };
+    if !numbers.iter().all(|x| x.is_finite()) {
+        return Err("six finite numbers are needed".into());
+    }
+    if x1 <= x0 || y1 <= y0 || z1 <= z0 {
+        return Err("the second corner must be above the first along x, y and z".into());
+    }
+    Ok(Corners([x0, y0, z0], [x1, y1, z1]))
+}

@@ -1,0 +1,49 @@
+//! `porograin check`.
+
+use crate::arguments::Check;
+use crate::bar::span;
+use crate::{Failure, Outcome};
+use porograin::case::{Case, Implied};
+use serde_json::json;
+use std::time::Duration;
+
+/// `porograin check`.
+pub fn check(arguments: &Check) -> Outcome {
+    let case = Case::from_file(&arguments.case, &arguments.set).map_err(|e| Failure::Input(e.to_string()))?;
+    let implied = case.implied().map_err(|e| Failure::Input(e.to_string()))?;
+    if !arguments.json {
+        show(&implied);
+    }
+    Ok(Some(json!(implied)))
+}
+
+fn show(implied: &Implied) {
+    let Implied { title, grains, radius: [least, mean, greatest], solid_fraction, pores, memory, stages } =
+        implied;
+    eprintln!("{title}");
+    eprintln!(
+        "  {grains} grains, radius {mean:.4e} m ({least:.4e} to {greatest:.4e}), filling {:.1} % of the box",
+        100.0 * solid_fraction
+    );
+    if let Some(pores) = pores {
+        eprintln!("  about {pores} pores");
+    }
+    eprintln!("  about {:.0} MB of memory", memory / 1e6);
+    for stage in stages {
+        eprintln!("stage {}", stage.name);
+        eprintln!("  time step {:.3e} s, limited by {}", stage.time_step, stage.cause);
+        if let Some((steps, seconds)) = stage.steps.zip(stage.seconds) {
+            eprintln!("  {steps} steps, about {} on one core", span(Duration::from_secs_f64(seconds)));
+        }
+        if let Some(number) = stage.stiffness_number {
+            eprintln!("  stiffness number E/stress {number:.0}");
+        }
+        if let Some(water) = &stage.water {
+            eprintln!(
+                "  permeability about {:.2e} m2, seepage {:.2e} m/s, Reynolds {:.1e}, Stokes {:.1e}",
+                water.permeability, water.seepage, water.reynolds, water.stokes
+            );
+            eprintln!("  consolidation takes about {:.2e} s", water.consolidation);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! `porograin list` and `porograin new`: the examples are inside the program.
+
+use crate::{Failure, Outcome};
+use porograin::case::{PACKINGS, nearest};
+use porograin::watch::Measure;
+use std::path::PathBuf;
+
+/// An example: its name, one line about it, its files.
+struct Example {
+    name: &'static str,
+    about: &'static str,
+    files: &'static [(&'static str, &'static str)],
+}
+
+const EXAMPLES: &[Example] = &[Example {
+    name: "01-oedometer",
+    about: "saturated grains under a piston: consolidation against Terzaghi's theory (case.toml, quick.toml)",
+    files: &[
+        ("case.toml", include_str!("../../examples/01-oedometer/case.toml")),
+        ("quick.toml", include_str!("../../examples/01-oedometer/quick.toml")),
+    ],
+}];
+
+/// What a case can choose from besides packings and measures: headings, and names with what they are.
+const CHOICES: &[(&str, &[(&str, &str)])] = &[
+    ("contact laws", &[("linear", "linear springs with Coulomb friction")]),
+    (
+        "boundary rules, solid",
+        &[
+            ("fixed", "the wall stays where it is"),
+            ("moving", "the wall moves at a given velocity"),
+            ("servo", "the wall is a piston pressed by a given stress"),
+        ],
+    ),
+    (
+        "boundary rules, water",
+        &[("sealed", "no flow through the face"), ("pressure", "the excess pressure is given")],
+    ),
+    (
+        "boundary rules, slip",
+        &[("symmetry", "the wall is a mirror for the water"), ("no-slip", "the water sticks to the wall")],
+    ),
+    ("conductances", &[("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)")]),
+    ("solvers", &[("auto", "by size"), ("cholesky", "sparse factorisation"), ("cg", "conjugate gradients")]),
+    (
+        "signals",
+        &[
+            ("ramp", "from one value to another between two times"),
+            ("sine", "around a mean"),
+            ("table", "straight lines between given points"),
+        ],
+    ),
+];
+
+/// `porograin list`.
+pub fn list() -> Outcome {
+    let examples: Vec<(&str, &str)> = EXAMPLES.iter().map(|e| (e.name, e.about)).collect();
+    section("examples", &examples);
+    section("packings", &PACKINGS);
+    for (heading, choices) in CHOICES {
+        section(heading, choices);
+    }
+    let names: Vec<String> = Measure::ALL.iter().map(|m| m.name()).collect();
+    let measures: Vec<(&str, &str)> =
+        names.iter().zip(Measure::ALL).map(|(name, m)| (name.as_str(), m.describe())).collect();
+    section("measures", &measures);
+    Ok(None)
+}
+
+fn section(heading: &str, entries: &[(&str, &str)]) {
+    println!("{heading}:");
+    for (name, about) in entries {
+        println!("  {name:<18} {about}");
+    }
+}
+
+/// `porograin new`: writes the files of an example; nothing is overwritten.
+pub fn new(name: &str, folder: Option<PathBuf>) -> Outcome {
+    let Some(example) =
+        EXAMPLES.iter().find(|e| e.name == name || e.name.split_once('-').is_some_and(|p| p.1 == name))
+    else {
+        let names: Vec<&str> = EXAMPLES.iter().map(|e| e.name).collect();
+        let guess = nearest(name, names.iter().copied());
+        let guess = guess.map_or(String::new(), |near| format!("did you mean {near}? "));
+        return Err(Failure::Input(format!(
+            "there is no example `{name}`\n  = {guess}there is: {}",
+            names.join(", ")
+        )));
+    };
+    let folder = folder.unwrap_or_else(|| PathBuf::from(example.name));
+    let shown = folder.display();
+    if let Some((file, _)) = example.files.iter().find(|(file, _)| folder.join(file).exists()) {
+        return Err(Failure::Input(format!("{shown}/{file} is there already: name another folder")));
+    }
+    let write = || -> std::io::Result<()> {
+        std::fs::create_dir_all(&folder)?;
+        example.files.iter().try_for_each(|(file, text)| std::fs::write(folder.join(file), text))
+    };
+    write().map_err(|e| Failure::Input(format!("cannot write into {shown}: {e}")))?;
+    eprintln!("{}\nrun it with: porograin run {shown}/{}", example.about, example.files[0].0);
+    Ok(None)
+}

@@ -1,0 +1,111 @@
+//! `porograin run` and `porograin resume`.
+
+use crate::arguments::{Resume, Run};
+use crate::bar::{Bar, span};
+use crate::{Failure, Outcome, threads};
+use porograin::case::Case;
+use porograin::output::folder::Folder;
+use porograin::run::{Ending, Options, Simulation, run as drive};
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// `porograin run`.
+pub fn run(arguments: &Run) -> Outcome {
+    let case = Case::from_file(&arguments.case, &arguments.set).map_err(|e| Failure::Input(e.to_string()))?;
+    threads(arguments.threads)?;
+    let simulation = Simulation::new(&case).map_err(|e| Failure::Input(e.to_string()))?;
+    let path = arguments.out.clone().unwrap_or_else(|| PathBuf::from("out").join(case.name()));
+    let folder = Folder::create(&path, &case).map_err(|e| Failure::Input(e.to_string()))?;
+    if !arguments.quiet {
+        eprintln!("{}: {} grains, results in {}", case.title, simulation.state.grains.len(), path.display());
+    }
+    go(&case, simulation, folder, arguments.until, arguments.quiet)
+}
+
+/// `porograin resume`.
+pub fn resume(arguments: &Resume) -> Outcome {
+    let (folder, case, state, progress) =
+        Folder::reopen(&arguments.folder).map_err(|e| Failure::Input(e.to_string()))?;
+    threads(arguments.threads)?;
+    let simulation = Simulation::resume(&case, state, progress);
+    if !arguments.quiet {
+        let now = &simulation.state;
+        eprintln!("{}: going on from step {}, t = {:.4e} s", case.title, now.step, now.time);
+    }
+    go(&case, simulation, folder, arguments.until, arguments.quiet)
+}
+
+fn go(
+    case: &Case,
+    mut simulation: Simulation,
+    mut folder: Folder,
+    until: Option<f64>,
+    quiet: bool,
+) -> Outcome {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        // Asked twice: somebody is in a hurry. The last checkpoint is whole at any moment.
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(1);
+        }
+    })
+    .map_err(|e| Failure::Run(format!("cannot listen for Ctrl-C: {e}")))?;
+    let options = Options { until, checkpoint: Duration::from_secs_f64(case.output.checkpoint), stop: &stop };
+    let clock = Instant::now();
+    let mut bar = Bar::new(quiet);
+    let ending = drive(&mut simulation, &mut folder, &options, &mut |view| bar.show(view));
+    bar.finish();
+    let shown = folder.path().display().to_string();
+    let ending = ending.map_err(|error| {
+        Failure::Run(format!("{error}\n  = the last checkpoint is kept: porograin resume {shown}"))
+    })?;
+    let word = match ending {
+        Ending::Finished => "finished",
+        Ending::Until => "until",
+        Ending::Interrupted => {
+            return Err(Failure::Run(format!(
+                "interrupted at t = {:.4e} s\n  = go on with: porograin resume {shown}",
+                simulation.state.time
+            )));
+        }
+    };
+    if !quiet {
+        report(&folder);
+        match ending {
+            Ending::Until => eprintln!(
+                "stopped at t = {:.4e} s; go on with: porograin resume {shown}",
+                simulation.state.time
+            ),
+            _ => eprintln!("done in {}; results in {shown}", span(clock.elapsed())),
+        }
+    }
+    Ok(Some(json!({ "out": shown, "ended": word, "summary": folder.summary })))
+}
+
+/// The stages with their steps and where the time went.
+fn report(folder: &Folder) {
+    for stage in &folder.summary.stages {
+        let total: f64 = stage.phases.values().sum();
+        let mut phases: Vec<(&String, &f64)> = stage.phases.iter().collect();
+        phases.sort_by(|a, b| b.1.total_cmp(a.1));
+        let shares: Vec<String> = phases
+            .iter()
+            .map(|(name, seconds)| format!("{name} {:.0} %", 100.0 * *seconds / total))
+            .collect();
+        eprintln!(
+            "{:>12}: {} steps, {:.4e} s simulated in {:.1} s ({})",
+            stage.name,
+            stage.steps,
+            stage.time,
+            stage.seconds,
+            shares.join(", ")
+        );
+    }
+    for warning in &folder.summary.warnings {
+        eprintln!("warning: {warning}");
+    }
+}

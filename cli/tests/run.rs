@@ -1,0 +1,183 @@
+//! Whole runs through the command line: what they leave behind, killed and resumed, with one and two threads.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+const CASE: &str = r#"
+title = "Grains of a lattice fall and settle"
+gravity = [0.3, 0.2, -9.81]
+[domain]
+size = [0.01, 0.01, 0.012]
+[grains]
+packing = { lattice = { count = [4, 4, 5], radius = 1e-3 } }
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 20.0
+[face.top]
+solid = { servo = { stress = 100.0 } }
+[[stage]]
+name = "fall"
+until = { time = 0.05 }
+[[stage]]
+name = "hold"
+gravity = [0, 0, -9.81]
+until = { steps = 8000 }
+[[watch]]
+measures = ["porosity", "settlement", "face-stress", "contacts", "kinetic-energy"]
+every = { steps = 50 }
+[[watch]]
+measures = ["size"]
+every = { seconds = 0.01 }
+[output]
+vtk = { seconds = 0.05 }
+checkpoint = 0.01
+"#;
+
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("run").join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("tiny.toml"), CASE).unwrap();
+    folder
+}
+
+fn start(folder: &Path, arguments: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_porograin"))
+        .args(arguments)
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Runs to the end; standard output and standard error.
+fn finish(folder: &Path, arguments: &[&str]) -> (String, String) {
+    let output = start(folder, arguments).wait_with_output().unwrap();
+    let (stdout, stderr) =
+        (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {stderr}");
+    (stdout, stderr)
+}
+
+/// Every file of a run that must not depend on when it was computed, with its bytes.
+fn results(run: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut files: Vec<PathBuf> = fs::read_dir(run.join("vtk")).unwrap().map(|e| e.unwrap().path()).collect();
+    files.extend(["case.toml", "history.csv", "checkpoint"].map(|name| run.join(name)));
+    files.sort();
+    files
+        .into_iter()
+        .map(|f| (f.file_name().unwrap().to_string_lossy().into(), fs::read(&f).unwrap()))
+        .collect()
+}
+
+#[track_caller]
+fn same(a: &Path, b: &Path) {
+    let (a, b) = (results(a), results(b));
+    let names = |list: &[(String, Vec<u8>)]| list.iter().map(|f| f.0.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&a), names(&b));
+    for (x, y) in a.iter().zip(&b) {
+        assert!(x.1 == y.1, "{} differs", x.0);
+    }
+}
+
+#[test]
+fn killed_anywhere_and_resumed_gives_the_same_bytes() {
+    let folder = folder("killed");
+    finish(&folder, &["run", "tiny.toml", "--out", "whole", "--quiet"]);
+    let mut pause = 1u64;
+    let mut kill_soon = |mut child: Child, broken: &Path| {
+        while !broken.join("checkpoint").exists() && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // A fixed list of pauses of 0 to 60 ms, as good as random for where in the run they fall.
+        pause = pause * 37 % 61;
+        std::thread::sleep(Duration::from_millis(pause));
+        let running = child.try_wait().unwrap().is_none();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        running
+    };
+    let broken = folder.join("broken");
+    let mut kills = usize::from(kill_soon(start(&folder, &["run", "tiny.toml", "--out", "broken"]), &broken));
+    for _ in 0..8 {
+        kills += usize::from(kill_soon(start(&folder, &["resume", "broken", "--quiet"]), &broken));
+    }
+    assert!(kills >= 2, "the runs were over before they could be killed");
+    finish(&folder, &["resume", "broken"]);
+    same(&folder.join("whole"), &broken);
+}
+
+#[test]
+fn one_and_two_threads_give_the_same_bytes() {
+    let folder = folder("threads");
+    finish(&folder, &["run", "tiny.toml", "--out", "one", "--threads", "1"]);
+    finish(&folder, &["run", "tiny.toml", "--out", "two", "--threads", "2"]);
+    same(&folder.join("one"), &folder.join("two"));
+}
+
+#[test]
+fn stopping_at_a_time_and_going_on_gives_the_same_bytes() {
+    let folder = folder("until");
+    finish(&folder, &["run", "tiny.toml", "--out", "whole"]);
+    let (_, said) = finish(&folder, &["run", "tiny.toml", "--out", "parts", "--until", "0.03"]);
+    assert!(said.contains("go on with: porograin resume parts"), "{said}");
+    let (stdout, _) = finish(&folder, &["resume", "parts", "--until", "0.06", "--json"]);
+    let object: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(object["ended"], "until");
+    assert_eq!(object["summary"]["stages"][0]["ended"], "time");
+    assert_eq!(object["summary"]["stages"][1]["ended"], "running");
+    finish(&folder, &["resume", "parts"]);
+    same(&folder.join("whole"), &folder.join("parts"));
+}
+
+#[cfg(unix)]
+#[test]
+fn asked_to_stop_it_saves_and_says_how_to_go_on() {
+    let folder = folder("interrupted");
+    finish(&folder, &["run", "tiny.toml", "--out", "whole"]);
+    // Long enough that it cannot be over before it is asked to stop.
+    let long = ["run", "tiny.toml", "--out", "long", "--set", "stage.hold.until.steps=100000000"];
+    let child = start(&folder, &long);
+    while !folder.join("long/checkpoint").exists() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(50));
+    let asked = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(asked.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("error: interrupted at t = "), "{said}");
+    assert!(said.contains("go on with: porograin resume long"), "{said}");
+}
+
+#[test]
+fn a_run_leaves_what_the_contract_says() {
+    let folder = folder("contract");
+    let (stdout, stderr) =
+        finish(&folder, &["run", "tiny.toml", "--set", "contact.linear.friction=25", "--quiet", "--json"]);
+    assert_eq!(stderr, "");
+    let object: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!((&object["out"], &object["ended"]), (&"out/tiny".into(), &"finished".into()));
+    let run = folder.join("out/tiny");
+    let read = |name: &str| fs::read_to_string(run.join(name)).unwrap();
+    let case = read("case.toml");
+    assert!(case.starts_with(&format!("# Run by porograin {}.\n", env!("CARGO_PKG_VERSION"))), "{case}");
+    assert!(case.contains("friction = 25\n"), "{case}");
+    let summary: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert_eq!(summary, object["summary"]);
+    assert_eq!((&summary["finished"], &summary["stages"][1]["steps"]), (&true.into(), &8000.into()));
+    assert!(summary["stages"][0]["phases"]["contact"].as_f64().unwrap() > 0.0);
+    let history = read("history.csv");
+    let rows: Vec<Vec<&str>> = history.lines().map(|line| line.split(',').collect()).collect();
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()));
+    assert_eq!(rows[0][..4], ["stage", "step [-]", "time [s]", "porosity [-]"]);
+    assert_eq!(rows[1][..2], ["fall", "1"]);
+    let frames = fs::read_dir(run.join("vtk")).unwrap().count();
+    assert!(read("vtk/grains.pvd").matches("<DataSet").count() == frames - 1 && frames > 3);
+}

@@ -1,0 +1,152 @@
+//! What the numbers of a case imply, before anything is simulated. Estimates, each with its formula.
+
+use super::{Case, CaseError, Plan};
+use crate::boundary::{Signal, Solid};
+use crate::contact::Law;
+use crate::model::{Model, TimeStep};
+use crate::stability;
+use serde::Serialize;
+
+/// Pores per grain of a random packing, measured on dense walled packings.
+const PORES_PER_GRAIN: f64 = 6.6;
+/// Porosity of a random packing after compaction, for the estimate of its permeability.
+const PACKED_POROSITY: f64 = 0.4;
+/// Bytes a grain takes: arrays of grain, contacts, neighbours; and what its pores add.
+const BYTES_PER_GRAIN: [f64; 2] = [1.5e3, 20e3];
+/// Wall seconds per grain and step on one core of a small machine: dry, and what the water adds.
+const SECONDS_PER_GRAIN_STEP: [f64; 2] = [0.25e-6, 1.0e-6];
+
+/// What a case implies.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Implied {
+    /// Title of the case.
+    pub title: String,
+    /// Number of grains.
+    pub grains: usize,
+    /// Least, mean and greatest radius [m].
+    pub radius: [f64; 3],
+    /// Part of the box the grains fill at the start [-].
+    pub solid_fraction: f64,
+    /// Pores of the saturated sample, 6.6 per grain.
+    pub pores: Option<usize>,
+    /// Memory [bytes].
+    pub memory: f64,
+    /// The stages.
+    pub stages: Vec<ImpliedStage>,
+}
+
+/// What one stage implies.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImpliedStage {
+    /// Its name.
+    pub name: String,
+    /// Stable time step, times the safety; or the fixed one [s].
+    pub time_step: f64,
+    /// What limits it.
+    pub cause: String,
+    /// Steps, when it ends at a time or a number of steps.
+    pub steps: Option<u64>,
+    /// Wall time of these on one core [s].
+    pub seconds: Option<f64>,
+    /// Contact modulus over the largest servo stress: above 1e3 grains are rigid for most purposes.
+    pub stiffness_number: Option<f64>,
+    /// What the water implies.
+    pub water: Option<ImpliedWater>,
+}
+
+/// What the water implies, with the permeability of Kozeny-Carman at porosity 0.4.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ImpliedWater {
+    /// `d² n³ / (180 (1 - n)²)` [m²].
+    pub permeability: f64,
+    /// Seepage speed under the largest servo stress over the height of the box [m/s].
+    pub seepage: f64,
+    /// `rho_f v d / mu` with that speed: below 1 the flow is viscous, as the model supposes.
+    pub reynolds: f64,
+    /// `rho_s v d / (9 mu)` with that speed: the inertia of grains against the drag.
+    pub stokes: f64,
+    /// `(H/2)² mu / (k E/4)`: consolidation with both ends drained, the sample four times softer than its contacts [s].
+    pub consolidation: f64,
+}
+
+impl Case {
+    /// What the numbers imply; makes the grains.
+    ///
+    /// # Errors
+    /// When the grains cannot be made.
+    pub fn implied(&self) -> Result<Implied, CaseError> {
+        let Plan { mut state, stages } = self.plan()?;
+        let grains = &state.grains;
+        let count = grains.len();
+        let mean = grains.radius.iter().sum::<f64>() / count as f64;
+        let least = grains.radius.iter().copied().fold(f64::INFINITY, f64::min);
+        let greatest = grains.radius.iter().copied().fold(0.0, f64::max);
+        let solid_fraction = grains.volume() / state.domain.cell.volume();
+        let wet = stages.iter().any(|s| s.model.fluid.is_some());
+        let mut implied = Vec::new();
+        for stage in &stages {
+            let model = &stage.model;
+            let limit = stability::limit(&state, model, &mut Vec::new());
+            let (time_step, cause) = match model.time_step {
+                TimeStep::Automatic { safety } => (safety * limit.seconds, limit.cause.to_string()),
+                TimeStep::Fixed(dt) => (dt, "fixed by the case".into()),
+            };
+            state.dt = time_step;
+            let until = &stage.until;
+            let by_time = until.time.map(|t| (t / time_step).ceil() as u64);
+            let steps = by_time.into_iter().chain(until.steps).min();
+            let per_step = SECONDS_PER_GRAIN_STEP[0]
+                + if model.fluid.is_some() { SECONDS_PER_GRAIN_STEP[1] } else { 0.0 };
+            let young = match &model.contact {
+                Law::Linear(linear) => linear.young,
+            };
+            let stress = largest_stress(model);
+            implied.push(ImpliedStage {
+                name: stage.name.clone(),
+                time_step,
+                cause,
+                steps,
+                seconds: steps.map(|n| n as f64 * count as f64 * per_step),
+                stiffness_number: stress.map(|s| young / s),
+                water: model.fluid.as_ref().map(|fluid| {
+                    let (d, n) = (2.0 * mean, PACKED_POROSITY);
+                    let height = self.domain.size[2];
+                    let permeability = d * d * n.powi(3) / (180.0 * (1.0 - n).powi(2));
+                    let seepage = permeability / fluid.viscosity * stress.unwrap_or(0.0) / height;
+                    ImpliedWater {
+                        permeability,
+                        seepage,
+                        reynolds: fluid.density * seepage * d / fluid.viscosity,
+                        stokes: self.grains.density * seepage * d / (9.0 * fluid.viscosity),
+                        consolidation: 0.25 * height * height * fluid.viscosity
+                            / (permeability * young / 4.0),
+                    }
+                }),
+            });
+        }
+        Ok(Implied {
+            title: self.title.clone(),
+            grains: count,
+            radius: [least, mean, greatest],
+            solid_fraction,
+            pores: wet.then_some((PORES_PER_GRAIN * count as f64) as usize),
+            memory: count as f64 * (BYTES_PER_GRAIN[0] + if wet { BYTES_PER_GRAIN[1] } else { 0.0 }),
+            stages: implied,
+        })
+    }
+}
+
+/// The largest stress any servo wall asks for, in size [Pa].
+fn largest_stress(model: &Model) -> Option<f64> {
+    let largest = |signal: &Signal| match signal {
+        Signal::Constant(value) => value.abs(),
+        Signal::Ramp { from, to, .. } => from.abs().max(to.abs()),
+        Signal::Sine { mean, amplitude, .. } => mean.abs() + amplitude.abs(),
+        Signal::Table(points) => points.iter().map(|p| p[1].abs()).fold(0.0, f64::max),
+    };
+    let stresses = model.faces.iter().filter_map(|face| match &face.solid {
+        Solid::Servo { stress, .. } => Some(largest(stress)),
+        Solid::Fixed | Solid::Moving { .. } => None,
+    });
+    stresses.reduce(f64::max).filter(|&s| s > 0.0)
+}

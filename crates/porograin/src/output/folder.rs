@@ -1,0 +1,318 @@
+//! The folder of a run: `case.toml`, `history.csv`, `vtk/`, `checkpoint`, `summary.json`.
+
+use super::restart::{Checkpoint, RestartError};
+use super::summary::Summary;
+use super::table::Table;
+use super::{frame, replace, vtk};
+use crate::case::{Case, reason};
+use crate::progress::Progress;
+use crate::state::State;
+use crate::watch::{Every, Measure, Snapshot, Watch};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The folder of a run, open for writing.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    case_text: String,
+    watches: Vec<Watch>,
+    measures: Vec<Measure>,
+    vtk: Option<Every>,
+    history: Table,
+    written: Written,
+    /// What `summary.json` says.
+    pub summary: Summary,
+}
+
+/// What a run writes, besides frames.
+const OURS: [&str; 5] = ["case.toml", "history.csv", "checkpoint", "summary.json", "vtk"];
+/// The first words of every `case.toml` that a run writes.
+const SIGNATURE: &str = "# Run by porograin ";
+
+/// How much of each file belongs to the run up to a checkpoint.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Written {
+    /// Bytes of the history.
+    pub history: u64,
+    /// The interval of each watch that has its row.
+    pub rows: Vec<Option<u64>>,
+    /// Frames for ParaView.
+    pub frames: Vec<Frame>,
+    /// The interval that has its frame.
+    pub frame: Option<u64>,
+}
+
+/// A frame for ParaView.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// [s]
+    pub time: f64,
+    /// Whether it has pores.
+    pub pores: bool,
+}
+
+/// Why a folder cannot be used: one sentence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FolderError(pub String);
+
+impl fmt::Display for FolderError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for FolderError {}
+
+impl Folder {
+    /// Makes the folder `path` for a run of `case`; nothing in it is ever overwritten.
+    ///
+    /// # Errors
+    /// When it holds a run already, or cannot be written.
+    pub fn create(path: &Path, case: &Case) -> Result<Self, FolderError> {
+        let shown = path.display();
+        if OURS.iter().any(|name| path.join(name).exists()) && !never_began(path) {
+            return Err(FolderError(format!(
+                "{shown} holds a run already: go on with it (porograin resume {shown}), or choose another folder \
+                 with --out"
+            )));
+        }
+        let failed = |e: io::Error| FolderError(format!("cannot write into {shown}: {}", reason(&e)));
+        fs::create_dir_all(path.join("vtk")).map_err(failed)?;
+        let case_text = format!("{SIGNATURE}{}.\n{}", env!("CARGO_PKG_VERSION"), case.text());
+        replace(&path.join("case.toml"), case_text.as_bytes()).map_err(failed)?;
+        let measures = measures(&case.watch);
+        let history = Table::create(&path.join("history.csv"), &heads(&measures)).map_err(failed)?;
+        let written =
+            Written { history: history.length(), rows: vec![None; case.watch.len()], ..Written::default() };
+        Ok(Folder {
+            path: path.to_owned(),
+            case_text,
+            watches: case.watch.clone(),
+            measures,
+            vtk: case.output.vtk,
+            history,
+            written,
+            summary: Summary::new(&case.title),
+        })
+    }
+
+    /// Opens the folder of a run that stopped: its case, and the state and progress of its checkpoint. What was
+    /// written after the checkpoint is forgotten.
+    ///
+    /// # Errors
+    /// When there is no run, or its files are damaged or belong to another case.
+    pub fn reopen(path: &Path) -> Result<(Self, Case, State, Progress), FolderError> {
+        let shown = path.display();
+        let case_path = path.join("case.toml");
+        let case_text = fs::read_to_string(&case_path).map_err(|e| {
+            FolderError(format!("{shown} holds no run: cannot read case.toml: {}", reason(&e)))
+        })?;
+        let case = Case::from_text(&case_path.display().to_string(), &case_text, path, &[])
+            .map_err(|e| FolderError(e.to_string()))?;
+        let checkpoint_path = path.join("checkpoint");
+        let Checkpoint { state, progress, written } = Checkpoint::read(&checkpoint_path, &case_text)
+            .map_err(|e| FolderError(format!("cannot resume from {}: {e}", checkpoint_path.display())))?;
+        let history = Table::reopen(&path.join("history.csv"), written.history)
+            .map_err(|e| FolderError(format!("cannot go on writing {shown}/history.csv: {}", reason(&e))))?;
+        let summary = fs::read_to_string(path.join("summary.json"))
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok())
+            .unwrap_or_else(|| Summary::new(&case.title));
+        let folder = Folder {
+            path: path.to_owned(),
+            case_text,
+            measures: measures(&case.watch),
+            watches: case.watch.clone(),
+            vtk: case.output.vtk,
+            history,
+            written,
+            summary,
+        };
+        let failed = |e: io::Error| FolderError(format!("cannot write into {shown}/vtk: {}", reason(&e)));
+        folder.forget_later_frames().map_err(failed)?;
+        folder.write_series().map_err(failed)?;
+        Ok((folder, case, state, progress))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes what is due after a step: a row of the history, a frame. At the end of a stage everything is due.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn record(&mut self, now: &Snapshot, stage_end: bool) -> Result<(), (PathBuf, io::Error)> {
+        let (time, step) = (now.state.time, now.state.step);
+        let mut due = Vec::new();
+        for (watch, last) in self.watches.iter().zip(&mut self.written.rows) {
+            let interval = Some(watch.every.interval(time, step));
+            if stage_end || *last != interval {
+                *last = interval;
+                due.extend(&watch.measures);
+            }
+        }
+        if !due.is_empty() {
+            let mut cells = vec![Some(step as f64), Some(time)];
+            for measure in &self.measures {
+                let columns = measure.columns().len();
+                match measure.evaluate(now).filter(|_| due.contains(measure)) {
+                    Some(values) => cells.extend(values.into_iter().map(Some)),
+                    None => cells.extend(vec![None; columns]),
+                }
+            }
+            let path = || self.path.join("history.csv");
+            self.history.row(now.stage, &cells).map_err(|e| (path(), e))?;
+            self.written.history = self.history.length();
+        }
+        let interval = self.vtk.map(|every| every.interval(time, step));
+        if stage_end || (interval.is_some() && self.written.frame != interval) {
+            self.written.frame = interval;
+            self.frame(now)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the checkpoint and the summary.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn checkpoint(&self, state: &State, progress: &Progress) -> Result<(), (PathBuf, io::Error)> {
+        let checkpoint =
+            Checkpoint { state: state.clone(), progress: progress.clone(), written: self.written.clone() };
+        let path = self.path.join("checkpoint");
+        checkpoint.write(&path, &self.case_text).map_err(|e| match e {
+            RestartError::File(reason) => (path, io::Error::other(reason)),
+            other => (path, io::Error::other(other)),
+        })?;
+        self.write_summary()
+    }
+
+    /// Writes `summary.json`.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_summary(&self) -> Result<(), (PathBuf, io::Error)> {
+        let path = self.path.join("summary.json");
+        let text =
+            serde_json::to_string_pretty(&self.summary).map_err(|e| (path.clone(), io::Error::other(e)))?;
+        replace(&path, format!("{text}\n").as_bytes()).map_err(|e| (path, e))
+    }
+
+    /// Writes a file beside the others.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), (PathBuf, io::Error)> {
+        let path = self.path.join(name);
+        replace(&path, bytes).map_err(|e| (path, e))
+    }
+
+    fn frame(&mut self, now: &Snapshot) -> Result<(), (PathBuf, io::Error)> {
+        let number = self.written.frames.len();
+        let put = |kind: Kind, bytes: Vec<u8>| {
+            let path = self.path.join("vtk").join(kind.file(number));
+            fs::write(&path, bytes).map_err(|e| (path, e))
+        };
+        put(Kind::Grains, frame::grains(now))?;
+        let pores = frame::pores(now);
+        let frame = Frame { time: now.state.time, pores: pores.is_some() };
+        if let Some(mesh) = pores {
+            put(Kind::Pores, vtk::mesh(&mesh))?;
+        }
+        self.written.frames.push(frame);
+        self.write_series().map_err(|e| (self.path.join("vtk"), e))
+    }
+
+    fn write_series(&self) -> io::Result<()> {
+        for kind in [Kind::Grains, Kind::Pores] {
+            let files: Vec<(f64, String)> = (self.written.frames.iter().enumerate())
+                .filter(|(_, frame)| kind == Kind::Grains || frame.pores)
+                .map(|(k, frame)| (frame.time, kind.file(k)))
+                .collect();
+            let path = self.path.join("vtk").join(kind.series());
+            if files.is_empty() {
+                match fs::remove_file(&path) {
+                    Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+                    _ => continue,
+                }
+            }
+            let text = vtk::series(files.iter().map(|(time, file)| (*time, file.as_str())));
+            replace(&path, text.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    fn forget_later_frames(&self) -> io::Result<()> {
+        let known: Vec<String> = (self.written.frames.iter().enumerate())
+            .flat_map(|(k, _)| [Kind::Grains.file(k), Kind::Pores.file(k)])
+            .collect();
+        for entry in fs::read_dir(self.path.join("vtk"))? {
+            let entry = entry?;
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let ours = Kind::Grains.owns(&name) || Kind::Pores.owns(&name);
+            if ours && !known.contains(&name) {
+                fs::remove_file(entry.path())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The two series of frames.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Grains,
+    Pores,
+}
+
+impl Kind {
+    fn parts(self) -> (&'static str, &'static str) {
+        match self {
+            Kind::Grains => ("grains_", ".vtp"),
+            Kind::Pores => ("pores_", ".vtu"),
+        }
+    }
+
+    fn file(self, number: usize) -> String {
+        let (start, end) = self.parts();
+        format!("{start}{number:06}{end}")
+    }
+
+    fn owns(self, name: &str) -> bool {
+        let (start, end) = self.parts();
+        name.strip_prefix(start)
+            .and_then(|rest| rest.strip_suffix(end))
+            .is_some_and(|digits| digits.parse::<u64>().is_ok())
+    }
+
+    fn series(self) -> &'static str {
+        match self {
+            Kind::Grains => "grains.pvd",
+            Kind::Pores => "pores.pvd",
+        }
+    }
+}
+
+/// Whether a run was killed here before its first checkpoint: there is nothing to lose.
+fn never_began(path: &Path) -> bool {
+    let signed = fs::read_to_string(path.join("case.toml")).is_ok_and(|text| text.starts_with(SIGNATURE));
+    signed && !path.join("checkpoint").exists()
+}
+
+fn measures(watches: &[Watch]) -> Vec<Measure> {
+    let mut all: Vec<Measure> = watches.iter().flat_map(|w| w.measures.iter().copied()).collect();
+    all.sort();
+    all.dedup();
+    all
+}
+
+fn heads(measures: &[Measure]) -> Vec<String> {
+    let first = ["stage", "step [-]", "time [s]"].map(str::to_owned);
+    first.into_iter().chain(measures.iter().flat_map(|m| m.columns())).collect()
+}

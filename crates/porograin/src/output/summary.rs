@@ -1,0 +1,101 @@
+//! `summary.json`: what a run did and what it found.
+
+use crate::timers::Timers;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The content of `summary.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Version of the program.
+    pub version: String,
+    /// Title of the case.
+    pub title: String,
+    /// Whether all stages are done.
+    pub finished: bool,
+    /// The stages begun so far.
+    pub stages: Vec<StageSummary>,
+    /// What was measured on the sample.
+    #[serde(default)]
+    pub sample: Sample,
+    /// Comparison with Terzaghi's theory, where a stage asked for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub terzaghi: Option<Terzaghi>,
+    /// What a user should know before trusting the numbers.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+/// One stage.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageSummary {
+    /// Its name.
+    pub name: String,
+    /// Steps.
+    pub steps: u64,
+    /// Simulated time [s].
+    pub time: f64,
+    /// Wall time [s], of all sittings.
+    pub seconds: f64,
+    /// Wall time by phase of the step [s], of all sittings.
+    pub phases: BTreeMap<String, f64>,
+    /// What ended it; `running` while it goes on.
+    pub ended: String,
+}
+
+/// What was measured on the sample; `None` is what nobody measured.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Sample {
+    /// Number of grains.
+    pub grains: usize,
+    /// Number of contacts.
+    pub contacts: usize,
+    /// Void part of the box [-].
+    pub porosity: f64,
+    /// Number of pores.
+    pub pores: Option<usize>,
+    /// Number of throats.
+    pub throats: Option<usize>,
+    /// Along z [m²].
+    pub permeability: Option<f64>,
+    /// [Pa]
+    pub oedometric_modulus: Option<f64>,
+}
+
+/// Comparison with Terzaghi's theory of consolidation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Terzaghi {
+    /// Largest error of the pressure at mid-height, as part of the initial pressure.
+    pub max_error: f64,
+    /// Largest error of the settlement, as part of the final one.
+    pub max_settlement_error: f64,
+    /// The curves at some times.
+    pub curves: Vec<TerzaghiPoint>,
+}
+
+/// Errors at one time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TerzaghiPoint {
+    /// Time factor `C_v t / L²` [-].
+    pub tv: f64,
+    /// Error of the pressure at mid-height, as part of the initial pressure.
+    pub pressure_error: f64,
+    /// Error of the settlement, as part of the final one.
+    pub settlement_error: f64,
+}
+
+impl Summary {
+    /// Of a run that begins.
+    pub fn new(title: &str) -> Self {
+        Summary { version: env!("CARGO_PKG_VERSION").into(), title: title.into(), ..Summary::default() }
+    }
+}
+
+impl StageSummary {
+    /// Adds wall time by phase.
+    pub fn add(&mut self, timers: &Timers) {
+        for (phase, spent) in timers.phases() {
+            *self.phases.entry((*phase).to_owned()).or_default() += spent.as_secs_f64();
+        }
+    }
+}

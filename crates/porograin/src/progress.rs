@@ -1,0 +1,45 @@
+//! How far a run has come.
+
+use serde::{Deserialize, Serialize};
+
+/// Where in a case a simulation stands: with the [`State`], all that a restart needs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Index of the stage that is going on; the number of stages when all are done.
+    pub stage: usize,
+    /// How the stage began; `None` before its first step.
+    pub began: Option<Began>,
+    /// The stages that are done.
+    pub done: Vec<Done>,
+}
+
+/// How a stage began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Began {
+    /// [s]
+    pub time: f64,
+    /// Steps done before it.
+    pub step: u64,
+    /// Height of the top face [m].
+    pub top: f64,
+}
+
+/// How a stage ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Done {
+    /// Its name.
+    pub name: String,
+    /// Steps it took.
+    pub steps: u64,
+    /// Seconds it lasted, simulated.
+    pub time: f64,
+    /// What ended it.
+    pub ended: String,
+}
+
+impl Began {
+    /// How far the top face has come down since [m].
+    pub fn settlement(&self, state: &crate::state::State) -> f64 {
+        self.top - state.domain.cell.wall_position(5)
+    }
+}

@@ -1,0 +1,404 @@
+//! The outer loop: stages in order, each until its end, and the files it leaves behind.
+
+use crate::boundary::{FACE_NAMES, Solid};
+use crate::case::{Case, CaseError, Plan, Stage, reason};
+use crate::measure;
+use crate::model::Model;
+use crate::output::folder::Folder;
+use crate::output::summary::{Sample, StageSummary};
+use crate::progress::{Began, Done, Progress};
+use crate::state::State;
+use crate::step::{Report, StepError, Work, step};
+use crate::watch::{Snapshot, face_stress};
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Steps between two looks at the conditions of a stage that cost a pass over all contacts.
+const LOOK_EVERY: u64 = 50;
+
+/// A case being run: the state, and where in the case it stands. It touches no file.
+#[derive(Debug)]
+pub struct Simulation {
+    /// The state now.
+    pub state: State,
+    /// Where in the case it stands.
+    pub progress: Progress,
+    stages: Vec<Stage>,
+    model: Model,
+    /// How the stage of the last step began.
+    began: Began,
+    work: Work,
+}
+
+/// What a call to [`Simulation::advance`] did.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// A step, and the stage goes on.
+    Step(Report),
+    /// The last step of a stage.
+    StageEnd(Report),
+}
+
+/// Why a run stopped.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RunError {
+    /// A step could not be done.
+    Step {
+        /// Name of the stage.
+        stage: String,
+        /// What happened.
+        error: StepError,
+    },
+    /// A stage did not reach its end in time.
+    Endless {
+        /// Name of the stage.
+        stage: String,
+        /// What it waited for and where it stands.
+        why: String,
+    },
+    /// A file could not be written.
+    File {
+        /// Its path.
+        path: String,
+        /// The reason.
+        reason: String,
+    },
+}
+
+impl fmt::Display for RunError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RunError::Step { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Endless { stage, why } => {
+                write!(f, "the stage `{stage}` did not come to its end: {why}")
+            }
+            RunError::File { path, reason } => write!(f, "cannot write {path}: {reason}"),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}
+
+impl Simulation {
+    /// A simulation at the beginning of a case.
+    ///
+    /// # Errors
+    /// When the grains of the case cannot be made.
+    pub fn new(case: &Case) -> Result<Self, CaseError> {
+        let Plan { state, stages } = case.plan()?;
+        Ok(Self::at(state, Progress::default(), stages))
+    }
+
+    /// A simulation that goes on where `state` and `progress` left off.
+    pub fn resume(case: &Case, state: State, progress: Progress) -> Self {
+        Self::at(state, progress, case.stages())
+    }
+
+    fn at(state: State, progress: Progress, stages: Vec<Stage>) -> Self {
+        let model = stages[progress.stage.min(stages.len() - 1)].model.clone();
+        let began = progress.began.unwrap_or_default();
+        let model = Model { stage_start: began.time, ..model };
+        Simulation { state, progress, stages, model, began, work: Work::default() }
+    }
+
+    /// The stage that is going on; `None` when all are done.
+    pub fn stage(&self) -> Option<&Stage> {
+        self.stages.get(self.progress.stage)
+    }
+
+    /// All stages.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+
+    /// What the current stage reads.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Scratch of the last step: loads, timers.
+    pub fn work(&self) -> &Work {
+        &self.work
+    }
+
+    /// Does one step; `None` when all stages are done.
+    ///
+    /// # Errors
+    /// When the step cannot be done, or the stage passes its `max-time` or `max-steps`.
+    pub fn advance(&mut self) -> Result<Option<Event>, RunError> {
+        let Some(stage) = self.stages.get(self.progress.stage) else { return Ok(None) };
+        let began = match self.progress.began {
+            Some(began) => began,
+            None => {
+                let State { time, step, domain, .. } = &self.state;
+                let began = Began { time: *time, step: *step, top: domain.cell.wall_position(5) };
+                self.model = Model { stage_start: began.time, ..stage.model.clone() };
+                // Timers are those of the stage; the rest of the scratch is found again by the first step.
+                self.work = Work::default();
+                if self.model.fluid.is_none() {
+                    self.state.fluid = None;
+                }
+                self.progress.began = Some(began);
+                self.began = began;
+                began
+            }
+        };
+        let report = step(&mut self.state, &self.model, &mut self.work)
+            .map_err(|error| RunError::Step { stage: stage.name.clone(), error })?;
+        let Some(ended) = self.ended(stage, began)? else { return Ok(Some(Event::Step(report))) };
+        self.progress.done.push(Done {
+            name: stage.name.clone(),
+            steps: self.state.step - began.step,
+            time: self.state.time - began.time,
+            ended,
+        });
+        self.progress.stage += 1;
+        self.progress.began = None;
+        Ok(Some(Event::StageEnd(report)))
+    }
+
+    /// What ended the stage, if it is at its end.
+    fn ended(&self, stage: &Stage, began: Began) -> Result<Option<String>, RunError> {
+        let until = &stage.until;
+        let (steps, time) = (self.state.step - began.step, self.state.time - began.time);
+        if until.time.is_some_and(|end| time >= end) {
+            return Ok(Some("time".into()));
+        }
+        if until.steps.is_some_and(|end| steps >= end) {
+            return Ok(Some("steps".into()));
+        }
+        if !until.waits() {
+            return Ok(None);
+        }
+        let last =
+            until.max_steps.is_some_and(|end| steps >= end) || until.max_time.is_some_and(|end| time >= end);
+        if !last && !self.state.step.is_multiple_of(LOOK_EVERY) {
+            return Ok(None);
+        }
+        let unbalanced =
+            until.unbalanced.map(|_| measure::unbalanced(&self.state, &self.model, &self.work.loads));
+        let stress = until.stress_error.map(|_| self.stress_error());
+        let below = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_none_or(|(v, l)| v <= l);
+        if below(unbalanced, until.unbalanced) && below(stress.map(|s| s.0), until.stress_error) {
+            return Ok(Some("conditions".into()));
+        }
+        if !last {
+            return Ok(None);
+        }
+        let mut why = Vec::new();
+        if let Some((value, limit)) = unbalanced.zip(until.unbalanced) {
+            why.push(format!("unbalanced is {value:.3e}, asked {limit:e}"));
+        }
+        if let Some(((value, face), limit)) = stress.zip(until.stress_error) {
+            why.push(format!(
+                "the stress on the {} wall is off by {value:.3e}, asked {limit:e}",
+                FACE_NAMES[face]
+            ));
+        }
+        let why = format!("after {steps} steps and {time:.4e} s {}", why.join(" and "));
+        Err(RunError::Endless { stage: stage.name.clone(), why })
+    }
+
+    /// The largest relative distance of a servo wall from its stress, and that wall.
+    fn stress_error(&self) -> (f64, usize) {
+        let t = self.state.time - self.model.stage_start;
+        let mut worst = (0.0, 0);
+        for (k, face) in self.model.faces.iter().enumerate() {
+            if let Solid::Servo { stress, .. } = &face.solid {
+                let asked = stress.at(t);
+                let error = (face_stress(&self.state, k) - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
+                if error > worst.0 {
+                    worst = (error, k);
+                }
+            }
+        }
+        worst
+    }
+}
+
+/// How a call to [`run`] is to go.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    /// Stop at this simulated time [s].
+    pub until: Option<f64>,
+    /// Wall time between checkpoints.
+    pub checkpoint: Duration,
+    /// Stop as soon as this is set.
+    pub stop: &'a AtomicBool,
+}
+
+/// How a call to [`run`] came to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// All stages are done.
+    Finished,
+    /// The time asked for is reached.
+    Until,
+    /// It was asked to stop.
+    Interrupted,
+}
+
+/// What a progress bar shows.
+#[derive(Clone, Debug)]
+pub struct View<'a> {
+    /// Index of the stage.
+    pub stage: usize,
+    /// Number of stages.
+    pub stages: usize,
+    /// Name of the stage.
+    pub name: &'a str,
+    /// Steps since the run began.
+    pub step: u64,
+    /// Simulated time [s].
+    pub time: f64,
+    /// What the last step did.
+    pub report: &'a Report,
+    /// How much of the stage is done, when it ends at a time or a number of steps.
+    pub part: Option<f64>,
+    /// Wall time until the end of the stage, when `part` tells.
+    pub left: Option<Duration>,
+}
+
+/// Runs a simulation to its end, or to where `options` stop it, writing its files into `folder`; `show` is called
+/// after every step. Whenever it returns, and every `options.checkpoint`, there is a checkpoint to go on from.
+///
+/// # Errors
+/// See [`RunError`]; the last checkpoint stays.
+pub fn run(
+    simulation: &mut Simulation,
+    folder: &mut Folder,
+    options: &Options,
+    show: &mut dyn FnMut(&View),
+) -> Result<Ending, RunError> {
+    let mut sitting = Sitting::new(simulation, folder);
+    folder.checkpoint(&simulation.state, &simulation.progress).map_err(unwritable)?;
+    let mut saved = Instant::now();
+    loop {
+        let stopped = if options.stop.load(Ordering::Relaxed) {
+            Some(Ending::Interrupted)
+        } else if simulation.stage().is_none() {
+            Some(Ending::Finished)
+        } else if options.until.is_some_and(|end| simulation.state.time >= end) {
+            Some(Ending::Until)
+        } else {
+            None
+        };
+        if let Some(ending) = stopped {
+            if simulation.progress.began.is_some() {
+                sitting.note(simulation, folder, simulation.progress.stage, "running");
+            }
+            folder.summary.finished = ending == Ending::Finished;
+            folder.summary.sample = sample(simulation);
+            folder.checkpoint(&simulation.state, &simulation.progress).map_err(unwritable)?;
+            return Ok(ending);
+        }
+        let stage = simulation.progress.stage;
+        let event = simulation.advance();
+        let (report, end) = match event {
+            Ok(Some(Event::Step(report))) => (report, false),
+            Ok(Some(Event::StageEnd(report))) => (report, true),
+            Ok(None) => continue,
+            Err(error) => {
+                sitting.note(simulation, folder, stage, "failed");
+                // The failure of the stage is what the user must hear, not that of the summary.
+                let _ = folder.write_summary();
+                return Err(error);
+            }
+        };
+        let began = simulation.began;
+        let now = Snapshot {
+            stage: &simulation.stages[stage].name,
+            state: &simulation.state,
+            model: &simulation.model,
+            began: &began,
+            loads: &simulation.work.loads,
+            report: &report,
+        };
+        folder.record(&now, end).map_err(unwritable)?;
+        show(&sitting.view(simulation, stage, &report));
+        if end || saved.elapsed() >= options.checkpoint {
+            let ended = if end { simulation.progress.done[stage].ended.clone() } else { "running".into() };
+            sitting.note(simulation, folder, stage, &ended);
+            folder.checkpoint(&simulation.state, &simulation.progress).map_err(unwritable)?;
+            saved = Instant::now();
+        }
+        if end {
+            sitting = Sitting::new(simulation, folder);
+        }
+    }
+}
+
+/// The part of a stage that this process computes.
+struct Sitting {
+    clock: Instant,
+    first_step: u64,
+    first_time: f64,
+    /// What earlier sittings booked for this stage.
+    before: StageSummary,
+}
+
+impl Sitting {
+    fn new(simulation: &Simulation, folder: &Folder) -> Self {
+        Sitting {
+            clock: Instant::now(),
+            first_step: simulation.state.step,
+            first_time: simulation.state.time,
+            before: folder.summary.stages.get(simulation.progress.stage).cloned().unwrap_or_default(),
+        }
+    }
+
+    /// Writes the stage into the summary as it stands.
+    fn note(&self, simulation: &Simulation, folder: &mut Folder, stage: usize, ended: &str) {
+        let mut entry = self.before.clone();
+        entry.name = simulation.stages[stage].name.clone();
+        entry.steps = simulation.state.step - simulation.began.step;
+        entry.time = simulation.state.time - simulation.began.time;
+        entry.seconds += self.clock.elapsed().as_secs_f64();
+        entry.add(&simulation.work.timers);
+        entry.ended = ended.to_owned();
+        folder.summary.stages.truncate(stage);
+        folder.summary.stages.push(entry);
+    }
+
+    fn view<'a>(&self, simulation: &'a Simulation, stage: usize, report: &'a Report) -> View<'a> {
+        let State { step, time, .. } = simulation.state;
+        let (began, until) = (simulation.began, &simulation.stages[stage].until);
+        let part = |step: u64, time: f64| {
+            let by_time = until.time.map(|end| (time - began.time) / end);
+            let by_steps = until.steps.map(|end| (step - began.step) as f64 / end as f64);
+            by_time.into_iter().chain(by_steps).reduce(f64::max).map(|part| part.clamp(0.0, 1.0))
+        };
+        let done = part(step, time).filter(|_| !until.waits());
+        let here = done.zip(part(self.first_step, self.first_time)).map(|(now, first)| now - first);
+        let left = done.zip(here).filter(|&(_, here)| here > 0.0).map(|(done, here)| {
+            Duration::from_secs_f64(self.clock.elapsed().as_secs_f64() * (1.0 - done) / here)
+        });
+        View {
+            stage,
+            stages: simulation.stages.len(),
+            name: &simulation.stages[stage].name,
+            step,
+            time,
+            report,
+            part: done,
+            left,
+        }
+    }
+}
+
+fn sample(simulation: &Simulation) -> Sample {
+    let State { grains, contacts, domain, .. } = &simulation.state;
+    Sample {
+        grains: grains.len(),
+        contacts: contacts.len(),
+        porosity: 1.0 - grains.volume() / domain.cell.volume(),
+        ..Sample::default()
+    }
+}
+
+fn unwritable((path, error): (PathBuf, io::Error)) -> RunError {
+    RunError::File { path: path.display().to_string(), reason: reason(&error) }
+}
