@@ -304,18 +304,25 @@ fn shape_of(
                 let r = packing.radius[vertices[k] as usize];
                 let u = toward(x, points[next], vertices[next]);
                 let v = toward(x, points[previous], vertices[previous]);
-                let angle = u.cross(v).dot(shape.normal).atan2(u.dot(v)).max(0.0);
+                let (length_u, length_v) = (u.length(), v.length());
+                let product = length_u * length_v;
+                let across = u.cross(v).dot(shape.normal).max(0.0);
+                let dot = u.dot(v);
+                let angle = across.atan2(dot);
                 shape.angle[k] = angle;
-                // The first moment of a sector is 2/3 r³ sin(angle/2) along the bisector.
-                let bisector = (u.normalize() + v.normalize()).normalize_or_zero();
-                shape.sector_moment[k] = bisector * (2.0 / 3.0 * r * r * r * (0.5 * angle).sin());
+                // The first moment of a sector is 2/3 r³ sin(angle/2) along the bisector u/|u| + v/|v|, whose
+                // length is 2 cos(angle/2); tan(angle/2) = sin / (1 + cos).
+                let cubed = r * r * r;
+                let toward_middle = u * length_v + v * length_u;
+                let tangent = if product + dot > 1e-14 * product { across / (product + dot) } else { 0.0 };
+                shape.sector_moment[k] = toward_middle * (cubed / 3.0 * tangent / product);
                 (shape.covered[k], shape.covered_moment[k]) = match covered(&corner[..corners], x, r) {
                     Some(cut) => cut,
                     None => (0.5 * angle * r * r, shape.sector_moment[k]),
                 };
                 shape.fluid_area -= shape.covered[k];
-                let solid_angle = double_cone(u, v, first - x, second - x);
-                shape.void -= solid_angle * r * r * r / 3.0;
+                let solid_angle = double_cone([u, v], [length_u, length_v], dot, [first - x, second - x]);
+                shape.void -= solid_angle * cubed / 3.0;
                 shape.surface[k] = solid_angle * r * r;
             }
             None => {
@@ -340,9 +347,15 @@ fn shape_of(
 /// `None` if the disc reaches past no edge, so that the part is the whole sector.
 fn covered(corner: &[DVec3], x: DVec3, r: f64) -> Option<(f64, DVec3)> {
     let n = corner.len();
+    let edges = || (0..n).map(|k| (corner[k] - x, corner[if k + 1 == n { 0 } else { k + 1 }] - x));
+    let reaches = |(p, q): (DVec3, DVec3)| {
+        p != DVec3::ZERO && q != DVec3::ZERO && p.cross(q).length_squared() < r * r * (q - p).length_squared()
+    };
+    if !edges().any(reaches) {
+        return None;
+    }
     let (mut area, mut moment, mut cut) = (0.0, DVec3::ZERO, false);
-    for k in 0..n {
-        let (p, q) = (corner[k] - x, corner[(k + 1) % n] - x);
+    for (p, q) in edges() {
         let edge = (q - p).length();
         // Edges that end at x span no triangle with it.
         if p == DVec3::ZERO || q == DVec3::ZERO || edge == 0.0 {
@@ -378,18 +391,14 @@ fn covered(corner: &[DVec3], x: DVec3, r: f64) -> Option<(f64, DVec3)> {
 /// Solid angle spanned by the directions `u`, `v` of a facet and the two apexes: that of the cone (u, v, second)
 /// less that of (u, v, first), each signed by the side of the facet (Van Oosterom & Strackee 1983). The facet's
 /// normal `u x v` points to the side of the second pore.
-fn double_cone(u: DVec3, v: DVec3, first: DVec3, second: DVec3) -> f64 {
-    let (lu, lv) = (u.length(), v.length());
-    let uv = u.dot(v);
+fn double_cone([u, v]: [DVec3; 2], [lu, lv]: [f64; 2], uv: f64, apexes: [DVec3; 2]) -> f64 {
     let cross = u.cross(v);
     // tan(half the solid angle) = triple product / real part; the difference of two angles is the argument of a
     // product of complex numbers, which costs one arctangent in place of two.
-    let complex = |w: DVec3| {
+    let [(re1, im1), (re2, im2)] = apexes.map(|w| {
         let lw = w.length();
         (lu * lv * lw + uv * lw + u.dot(w) * lv + v.dot(w) * lu, cross.dot(w))
-    };
-    let (re1, im1) = complex(first);
-    let (re2, im2) = complex(second);
+    });
     2.0 * (im2 * re1 - re2 * im1).atan2(re1 * re2 + im1 * im2)
 }
 

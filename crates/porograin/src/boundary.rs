@@ -72,7 +72,7 @@ pub enum Solid {
     Servo {
         /// Total normal stress on the sample, positive in compression [Pa].
         stress: Signal,
-        /// Mass of the plate [kg]; by default half the mass of the grains.
+        /// Mass of the plate [kg]; by default a tenth of the mass of the grains.
         mass: Option<f64>,
         /// The plate never moves faster than this [m/s]; by default the speed at which the sample deforms at the
         /// inertial number 0.01.

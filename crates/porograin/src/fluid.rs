@@ -1,25 +1,199 @@
-//! The water: what flows, and what it does to the grains.
+//! The water: it follows the grains, feels how they move, and loads them.
 
-use crate::grains::Loads;
-use crate::model::Model;
+use crate::boundary::{Slip, Water};
+use crate::grains::{Grains, Loads, sphere_volume};
+use crate::model::{Flow, FluidModel, Model};
+use crate::motion::pistons;
+use crate::pores::mesh::{Carried, Mesh, Walls};
+use crate::pores::{PoreState, Pores, Recipe, System, viscous};
 use crate::state::State;
 use crate::step::StepError;
+use glam::DVec3;
+use porograin_geometry::throat::Packing;
+use porograin_geometry::triangulation::wall;
+
+/// Steps between two looks at how much the pores have deformed.
+const LOOK_EVERY: u64 = 10;
 
 /// What the water keeps between steps to be fast; dropping it changes no bit.
 #[derive(Debug, Default)]
-pub struct Scratch {}
+pub struct Scratch {
+    made: Option<Made>,
+    carried: Carried,
+}
 
-/// What the water did in a step.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Report {}
+/// A mesh and its factorised system, and what they were made of.
+#[derive(Debug)]
+struct Made {
+    at_step: u64,
+    recipe: Recipe,
+    mesh: Mesh,
+    system: System,
+}
 
-/// Brings the water to the time of the grains.
-pub fn advance(_: &mut State, model: &Model, _: f64, _: &mut Scratch) -> Result<Option<Report>, StepError> {
-    match model.fluid {
-        None => Ok(None),
-        Some(_) => Err(StepError::Fluid("flow between the grains is not there yet".into())),
+impl Scratch {
+    /// The mesh in use, once there is one.
+    pub fn mesh(&self) -> Option<&Mesh> {
+        self.made.as_ref().map(|made| &made.mesh)
     }
 }
 
-/// Adds what the water does to grains and walls.
-pub fn add(_: &mut Loads, _: &State, _: &Model, _: &mut Scratch) {}
+/// What the water did in a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Report {
+    /// Iterations of the pressure solve.
+    pub iterations: usize,
+    /// Relative residual of the pressure solve.
+    pub residual: f64,
+}
+
+/// Sees to it that the mesh belongs to the grains: makes the first one, makes a new one when a pore has deformed
+/// too much or the faces have changed their rules, and makes the last one again after a restart.
+///
+/// # Errors
+/// [`StepError::Fluid`] if the grains cannot be meshed or some pores are cut off from all open faces.
+pub fn follow(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result<Option<f64>, StepError> {
+    let Some(fluid) = &model.fluid else {
+        state.fluid = None;
+        scratch.made = None;
+        return Ok(None);
+    };
+    let Flow::Pores(pores) = &fluid.flow;
+    let recipe = recipe(model, fluid, pores);
+    if state.fluid.as_ref().is_none_or(|water| water.recipe != recipe) {
+        renew(state, &recipe, model, pores, scratch)?;
+    }
+    make(state, &recipe, pores, scratch)?;
+    let (Some(made), Some(water)) = (&scratch.made, &state.fluid) else { return Ok(None) };
+    if state.step % LOOK_EVERY != 0 || state.step == water.made_at_step {
+        return Ok(None);
+    }
+    let now =
+        Packing { cell: &state.domain.cell, position: &state.grains.position, radius: &state.grains.radius };
+    let (strain, _) = made.mesh.strain(now);
+    if strain <= pores.remesh.strain {
+        return Ok(None);
+    }
+    renew(state, &recipe, model, pores, scratch)?;
+    Ok(Some(strain))
+}
+
+/// What the mesh of this model is made of, besides grains.
+fn recipe(model: &Model, fluid: &FluidModel, pores: &Pores) -> Recipe {
+    let open = std::array::from_fn(|f| matches!(model.faces[f].water, Water::Pressure(_)));
+    let slip = std::array::from_fn(|f| if open[f] { Slip::Symmetry } else { model.faces[f].slip });
+    Recipe { walls: Walls { open, slip }, conductance: pores.conductance, viscosity: fluid.viscosity }
+}
+
+/// Starts afresh from where the grains are now.
+fn renew(
+    state: &mut State,
+    recipe: &Recipe,
+    model: &Model,
+    pores: &Pores,
+    scratch: &mut Scratch,
+) -> Result<(), StepError> {
+    state.fluid = Some(PoreState {
+        recipe: *recipe,
+        made_at_step: state.step,
+        mesh_position: state.grains.position.clone(),
+        mesh_cell: state.domain.cell,
+        viscous_rate: 0.0,
+        pressure: Vec::new(),
+        before: Vec::new(),
+    });
+    scratch.made = None;
+    make(state, recipe, pores, scratch)?;
+    let (Some(water), Some(made)) = (&mut state.fluid, &mut scratch.made) else { return Ok(()) };
+    water.pressure = vec![0.0; made.mesh.nodes()];
+    water.before = water.pressure.clone();
+    let pistons = pistons(model, &state.grains);
+    water.viscous_rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons)
+        .map_err(|error| cannot_solve(error, &made.mesh, &state.grains))?;
+    Ok(())
+}
+
+/// Makes the mesh that the state asks for, unless it is there already.
+fn make(state: &State, recipe: &Recipe, pores: &Pores, scratch: &mut Scratch) -> Result<(), StepError> {
+    let Some(water) = &state.fluid else { return Ok(()) };
+    if scratch.made.as_ref().is_some_and(|m| m.at_step == water.made_at_step && m.recipe == *recipe) {
+        return Ok(());
+    }
+    let packing =
+        Packing { cell: &water.mesh_cell, position: &water.mesh_position, radius: &state.grains.radius };
+    let mesh = Mesh::new(packing, &recipe.walls, recipe.conductance, recipe.viscosity)
+        .map_err(|error| StepError::Fluid(format!("the pores cannot be meshed: {error}")))?;
+    let system = System::new(&mesh, pores.solver.method(), pores.residual, EXPECTED_SOLVES)
+        .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
+    scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, system });
+    Ok(())
+}
+
+/// A mesh of a packing near rest serves this many steps at least.
+const EXPECTED_SOLVES: usize = 1000;
+
+fn cannot_solve(error: porograin_linear::Error, mesh: &Mesh, grains: &Grains) -> StepError {
+    let porograin_linear::Error::Singular { nodes } = &error else {
+        return StepError::Fluid(format!("the pressures cannot be found: {error}"));
+    };
+    let pore = nodes
+        .first()
+        .and_then(|first| mesh.unknown.iter().position(|u| u == first))
+        .and_then(|node| mesh.node.iter().position(|&n| n as usize == node));
+    let around: Vec<String> = pore.map_or(Vec::new(), |pore| {
+        let vertices = mesh.triangulation.pores[pore].iter();
+        vertices.filter(|&&v| wall(v).is_none()).map(|&v| grains.id[v as usize].to_string()).collect()
+    });
+    StepError::Fluid(format!(
+        "{} pores, one of them between the grains {}, are cut off from every face with an imposed pressure: overlapping \
+         grains close all throats around them",
+        nodes.len(),
+        around.join(", ")
+    ))
+}
+
+/// Solves for the pressures that the motion of grains and walls calls for.
+///
+/// # Errors
+/// [`StepError::Fluid`] if the solve fails.
+pub fn advance(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result<Option<Report>, StepError> {
+    let (Some(made), Some(water)) = (&mut scratch.made, &mut state.fluid) else { return Ok(None) };
+    let time = state.time - model.stage_start;
+    let held = std::array::from_fn(|face| match &model.faces[face].water {
+        Water::Pressure(signal) => signal.at(time),
+        Water::Sealed => 0.0,
+    });
+    let grains = &state.grains;
+    made.mesh.carried(&grains.velocity, &grains.spin, &state.domain.wall_velocity, &mut scratch.carried);
+    // Pressures vary smoothly from step to step: start from where they were heading.
+    for (now, before) in water.pressure.iter_mut().zip(&mut water.before) {
+        let ahead = 2.0 * *now - *before;
+        *before = *now;
+        *now = ahead;
+    }
+    let info = made
+        .system
+        .solve(&made.mesh, &scratch.carried.node, &held, &mut water.pressure)
+        .map_err(|error| cannot_solve(error, &made.mesh, grains))?;
+    Ok(Some(Report { iterations: info.iterations, residual: info.residual }))
+}
+
+/// Adds what the water does to grains and walls: pressure and viscous forces, and buoyancy `-rho_f g V`.
+///
+/// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
+pub fn add(loads: &mut Loads, state: &State, model: &Model, scratch: &Scratch) {
+    let (Some(made), Some(water), Some(fluid)) = (&scratch.made, &state.fluid, &model.fluid) else { return };
+    let lift = -fluid.density * model.gravity;
+    if lift != DVec3::ZERO {
+        for (force, &radius) in loads.force.iter_mut().zip(&state.grains.radius) {
+            *force += lift * sphere_volume(radius);
+        }
+    }
+    let walls = loads.wall;
+    made.mesh.add_loads(&water.pressure, loads);
+    for face in 0..6 {
+        if made.recipe.walls.open[face] {
+            loads.wall[face] = walls[face];
+        }
+    }
+}

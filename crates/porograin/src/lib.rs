@@ -2,6 +2,7 @@
 
 pub mod boundary;
 pub mod case;
+pub mod consolidation;
 pub mod contact;
 pub mod fluid;
 pub mod grains;

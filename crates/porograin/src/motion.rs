@@ -11,7 +11,7 @@ use rayon::prelude::*;
 /// Inertial number at which a piston may deform the sample, unless its speed is given.
 const PISTON_INERTIAL_NUMBER: f64 = 0.01;
 /// Mass of a piston in terms of the mass of all grains, unless it is given.
-const PISTON_MASS_SHARE: f64 = 0.5;
+const PISTON_MASS_SHARE: f64 = 0.1;
 /// Grains handed to a thread at once.
 const BLOCK: usize = 1024;
 
@@ -94,9 +94,17 @@ fn move_walls(
     domain.cell.edges = DMat3::from_diagonal(upper - lower);
 }
 
-/// Mass of a piston [kg]: as given, or half of the mass of the grains.
+/// Mass of a piston [kg]: as given, or a tenth of the mass of the grains.
 pub fn piston_mass(given: Option<f64>, grains: &Grains) -> f64 {
     given.unwrap_or_else(|| PISTON_MASS_SHARE * sum(&grains.mass))
+}
+
+/// Mass of each wall that is a piston [kg], in face order.
+pub fn pistons(model: &Model, grains: &Grains) -> [Option<f64>; 6] {
+    std::array::from_fn(|face| match &model.faces[face].solid {
+        Solid::Servo { mass, .. } => Some(piston_mass(*mass, grains)),
+        _ => None,
+    })
 }
 
 /// The speed at which a sample of this height [m] deforms at the inertial number 0.01 under a stress [Pa]:

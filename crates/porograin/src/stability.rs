@@ -9,7 +9,6 @@
 //! the vector `sum k_t (l/rho) n`; so the bound needs two symmetric 3 x 3 eigenvalues per grain and does not depend
 //! on the choice of axes.
 
-use crate::boundary::Solid;
 use crate::contact::{ContactLaw, Surroundings, Touch};
 use crate::grains::Grains;
 use crate::model::{Model, RENEW_EVERY, TimeStep};
@@ -35,6 +34,8 @@ pub enum Cause {
     Flight(u32),
     /// The piston at this face.
     Piston(usize),
+    /// The viscous damping by the water in the pores.
+    Water,
     /// Nothing: there are no grains.
     Nothing,
 }
@@ -45,15 +46,19 @@ impl std::fmt::Display for Cause {
             Cause::Grain(id) => write!(f, "the contacts of grain {id}"),
             Cause::Flight(id) => write!(f, "grain {id}, were it to meet the largest grain"),
             Cause::Piston(face) => write!(f, "the piston at the {} face", crate::boundary::FACE_NAMES[*face]),
+            Cause::Water => write!(f, "the viscosity of the water in the pores"),
             Cause::Nothing => write!(f, "nothing"),
         }
     }
 }
 
-/// Whether this is a step at which the stability limit is looked at again: the first of a stage, and every
-/// [`RENEW_EVERY`]-th. A function of the state alone, so that a resumed run renews at the same steps.
+/// Whether this is a step at which the stability limit is looked at again: the first of a stage or of a new mesh of
+/// the pores, and every [`RENEW_EVERY`]-th. A function of the state alone, so that a resumed run renews at the same steps.
 pub fn due(state: &State, model: &Model) -> bool {
-    state.step.is_multiple_of(RENEW_EVERY) || state.time == model.stage_start || state.dt == 0.0
+    state.step.is_multiple_of(RENEW_EVERY)
+        || state.time == model.stage_start
+        || state.dt == 0.0
+        || state.fluid.as_ref().is_some_and(|water| water.made_at_step == state.step)
 }
 
 /// The length of the coming step [s], and the limit if it was renewed.
@@ -61,11 +66,22 @@ pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64,
     match model.time_step {
         TimeStep::Fixed(dt) => (dt, None),
         TimeStep::Automatic { safety } if due(state, model) => {
-            let limit = limit(state, model, scratch);
+            let limit = with_water(limit(state, model, scratch), state);
             (safety * limit.seconds, Some(limit))
         }
         TimeStep::Automatic { .. } => (state.dt, None),
     }
+}
+
+/// What the viscous damping of the water leaves of the limit `2/omega` of the contacts: the positive root of
+/// `2 lambda dt + omega² dt² = 4` (`physics` §3b).
+pub fn with_water(contacts: Limit, state: &State) -> Limit {
+    let Some(water) = &state.fluid else { return contacts };
+    let (lambda, omega) = (water.viscous_rate, 2.0 / contacts.seconds);
+    let seconds = 4.0 / (lambda + (lambda * lambda + 4.0 * omega * omega).sqrt());
+    // Of the four parts of the limit, the larger share names the cause.
+    let cause = if 2.0 * lambda * seconds > 2.0 { Cause::Water } else { contacts.cause };
+    Limit { seconds, cause }
 }
 
 /// How a grain is held by its contacts: the blocks `A`, `B` and the vector of `C`, each over the grain's mass.
@@ -107,10 +123,7 @@ pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
     let surroundings = Surroundings::new(grains, &state.domain, &model.faces, law.friction());
     held.clear();
     held.resize(grains.len(), Held::default());
-    let pistons: [Option<f64>; 6] = std::array::from_fn(|face| match &model.faces[face].solid {
-        Solid::Servo { mass, .. } => Some(crate::motion::piston_mass(*mass, grains)),
-        _ => None,
-    });
+    let pistons = crate::motion::pistons(model, grains);
     let mut piston = [0.0; 6];
     for &pair in &state.contacts.pairs {
         let touch = surroundings.touch(pair);

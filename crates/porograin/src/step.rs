@@ -45,6 +45,8 @@ pub struct Report {
     pub contacts: usize,
     /// What the water did.
     pub water: Option<fluid::Report>,
+    /// The volumetric strain of a pore that called for a new mesh in this step.
+    pub remeshed: Option<f64>,
 }
 
 /// Moves the state by one time step.
@@ -53,6 +55,8 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     timers.start();
 
     // Who is near whom.
+    let remeshed = fluid::follow(state, model, water)?;
+    timers.lap("mesh");
     let law = model.contact.as_law();
     let State { grains, domain, contacts: touching, .. } = state;
     let rebuilt = neighbours.refresh(&domain.cell, &grains.position, &grains.radius, law.reach());
@@ -67,7 +71,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     timers.lap("contact");
     let (dt, limit) = stability::time_step(state, model, held);
     timers.lap("time step");
-    let flow = fluid::advance(state, model, dt, water)?;
+    let flow = fluid::advance(state, model, water)?;
     fluid::add(loads, state, model, water);
     timers.lap("fluid");
 
@@ -75,7 +79,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     motion::advance(state, model, loads, dt);
     inside(state)?;
     timers.lap("motion");
-    Ok(Report { dt, limit, contacts: state.contacts.len(), water: flow })
+    Ok(Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed })
 }
 
 /// Refuses a state with a grain whose centre has left the box, or is nowhere at all, naming the first.

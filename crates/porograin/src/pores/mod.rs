@@ -4,6 +4,7 @@ pub mod conductance;
 pub mod coupling;
 pub mod mesh;
 pub mod pressure;
+pub mod viscous;
 
 pub use conductance::Conductance;
 pub use mesh::{Census, Mesh, Walls};
@@ -76,13 +77,32 @@ impl Solver {
     }
 }
 
+/// What a mesh is made of, besides grains; a change of any of it calls for a new one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recipe {
+    /// What the walls are to the water.
+    pub walls: Walls,
+    /// How a throat conducts.
+    pub conductance: Conductance,
+    /// [Pa s]
+    pub viscosity: f64,
+}
+
 /// What a restart needs of the water: the mesh is made again from the grains as they were when it was made.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoreState {
-    /// Grain centres when the mesh was made [m].
+    /// What the mesh was made of.
+    pub recipe: Recipe,
+    /// The step at which it was made.
+    pub made_at_step: u64,
+    /// Grain centres when it was made [m].
     pub mesh_position: Vec<DVec3>,
-    /// The box when the mesh was made.
-    pub mesh_cell: Option<Cell>,
-    /// Excess pressure of each pore now, and at the two steps before [Pa].
-    pub pressure: [Vec<f64>; 3],
+    /// The box when it was made.
+    pub mesh_cell: Cell,
+    /// How fast the water damps the grains at most [1/s]: what it leaves of the time step.
+    pub viscous_rate: f64,
+    /// Excess pressure of each node [Pa].
+    pub pressure: Vec<f64>,
+    /// The same one step before [Pa].
+    pub before: Vec<f64>,
 }

@@ -101,8 +101,17 @@ impl System {
         pressure.iter_mut().for_each(|p| *p -= sum / volume);
     }
 
-    /// What the set-up made.
+    /// Bytes, entries and seconds of the set-up.
     pub fn setup(&self) -> porograin_linear::Setup {
         self.solver.setup()
+    }
+}
+
+impl std::fmt::Debug for System {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.debug_struct("System")
+            .field("unknowns", &self.rhs.len())
+            .field("pinned", &self.pinned)
+            .finish_non_exhaustive()
     }
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::boundary::Solid;
 use crate::boundary::{Domain, Face, Signal};
 use crate::contact::{Contacts, Law, Linear};
 use crate::step::{Work, step};

@@ -1,0 +1,351 @@
+//! One-dimensional consolidation against Terzaghi's theory, with the sample's own modulus and permeability.
+//!
+//! Nothing is fitted. The modulus comes from loading a dry copy of the sample, the permeability from a steady flow
+//! through the same pores, the drainage path from the volume of the pores that can store water: pores held at an
+//! open face's pressure drain at once and store nothing, so with grains of finite size the path is shorter than
+//! the box by about a grain at each open face.
+
+use crate::boundary::{Solid, Water};
+use crate::model::{Flow, Model};
+use crate::permeability::{self, Problem};
+use crate::pores::mesh::{FREE, Mesh};
+use crate::state::State;
+use crate::step::{StepError, Work, step};
+use porograin_geometry::throat::Packing;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+
+const BOTTOM: usize = 4;
+const TOP: usize = 5;
+/// Local damping of the dry test; a quasi-static test does not depend on it.
+const DRY_DAMPING: f64 = 0.2;
+/// Steps between two looks at whether the dry test has come to rest.
+const DRY_LOOK: usize = 200;
+/// The dry test is at rest when its settlement changes by less than this part between two looks, twice.
+const DRY_REST: f64 = 1e-4;
+/// ... and fails after this many steps.
+const DRY_MOST: usize = 100_000;
+/// Records are taken at `T_v = FIRST RATIO^k`.
+const FIRST: f64 = 1e-4;
+const RATIO: f64 = 1.12;
+/// Theory and simulation are compared from here on; before, the discrete pores still see the load as a jump.
+pub const COMPARE_FROM: f64 = 0.05;
+
+/// What is measured of a sample before its load is put on, and how it consolidates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Consolidation {
+    /// When the load was put on [s].
+    pub start: f64,
+    /// Added stress on the top [Pa].
+    pub load: f64,
+    /// Height of the sample then [m].
+    pub height: f64,
+    /// Intrinsic permeability along the height [m²].
+    pub permeability: f64,
+    /// Oedometric modulus of a dry copy under the same load [Pa].
+    pub modulus: f64,
+    /// Viscosity of the water [Pa s].
+    pub viscosity: f64,
+    /// Thickness of the pores held at the bottom's and at the top's pressure, volume over section [m].
+    pub held: [f64; 2],
+    /// Whether bottom and top are open.
+    pub open: [bool; 2],
+    /// What was seen since.
+    pub records: Vec<Record>,
+    next: f64,
+}
+
+/// What was seen at one time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Since the load was put on [s].
+    pub time: f64,
+    /// Of the top [m].
+    pub settlement: f64,
+    /// Mean excess pressure at 13 heights [Pa].
+    pub profile: [f64; 13],
+}
+
+/// Why a stage cannot be compared with Terzaghi's theory.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ConsolidationError {
+    /// Its boundary conditions are others.
+    Unsuitable(&'static str),
+    /// The dry test failed.
+    Dry(StepError),
+    /// The dry test did not come to rest.
+    Restless,
+    /// The permeability could not be measured.
+    Permeability(String),
+}
+
+impl std::fmt::Display for ConsolidationError {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            ConsolidationError::Unsuitable(why) => {
+                write!(f, "the stage cannot be compared with Terzaghi's theory: {why}")
+            }
+            ConsolidationError::Dry(error) => write!(f, "the dry oedometer test failed: {error}"),
+            ConsolidationError::Restless => {
+                write!(
+                    f,
+                    "the dry oedometer test did not come to rest in {DRY_MOST} steps: is the friction zero?"
+                )
+            }
+            ConsolidationError::Permeability(why) => write!(f, "the permeability cannot be measured: {why}"),
+        }
+    }
+}
+
+impl std::error::Error for ConsolidationError {}
+
+impl Consolidation {
+    /// Measures the sample at the beginning of the stage that loads it.
+    ///
+    /// # Errors
+    /// [`ConsolidationError`].
+    pub fn begin(state: &State, model: &Model) -> Result<Self, ConsolidationError> {
+        let unsuitable = |why| Err(ConsolidationError::Unsuitable(why));
+        let Some(fluid) = &model.fluid else { return unsuitable("it is dry") };
+        let Flow::Pores(pores) = &fluid.flow;
+        let Solid::Servo { stress, .. } = &model.faces[TOP].solid else {
+            return unsuitable("its top face is not a servo");
+        };
+        let open = [BOTTOM, TOP].map(|face| matches!(model.faces[face].water, Water::Pressure(_)));
+        if open == [false; 2] {
+            return unsuitable("neither the top nor the bottom face has a water pressure");
+        }
+        let carried = state.domain.wall_force[TOP].z / state.domain.area(TOP);
+        let load = stress.at(0.0) - carried;
+        if load <= 0.0 {
+            return unsuitable("the top servo asks for no more stress than there is");
+        }
+        let cell = &state.domain.cell;
+        let height = (cell.upper() - cell.origin).z;
+        let modulus = load * height / dry_settlement(state, model)?;
+        let problem = Problem {
+            axis: 2,
+            drop: load,
+            sides: model.faces[0].slip,
+            viscosity: fluid.viscosity,
+            conductance: pores.conductance,
+            solver: pores.solver,
+            residual: pores.residual,
+        };
+        let flow = permeability::measure(cell, &state.grains.position, &state.grains.radius, &problem)
+            .map_err(|error| ConsolidationError::Permeability(error.to_string()))?;
+        let section = state.domain.area(TOP);
+        let held = [0, 1]
+            .map(|end| if open[end] { held_volume(&flow.mesh, (BOTTOM + end) as u8) / section } else { 0.0 });
+        Ok(Consolidation {
+            start: state.time,
+            load,
+            height,
+            permeability: flow.permeability,
+            modulus,
+            viscosity: fluid.viscosity,
+            held,
+            open,
+            records: Vec::new(),
+            next: FIRST,
+        })
+    }
+
+    /// Coefficient of consolidation `kappa E / mu` [m²/s].
+    pub fn coefficient(&self) -> f64 {
+        self.permeability * self.modulus / self.viscosity
+    }
+
+    /// Drainage path [m]: half the height of the free pores if both ends drain, all of it otherwise.
+    pub fn path(&self) -> f64 {
+        let free = self.height - self.held[0] - self.held[1];
+        if self.open == [true; 2] { 0.5 * free } else { free }
+    }
+
+    /// Drainage path of the whole box [m], for comparison.
+    pub fn box_path(&self) -> f64 {
+        if self.open == [true; 2] { 0.5 * self.height } else { self.height }
+    }
+
+    /// Dimensionless time `C_v t / path²` for a path [m].
+    pub fn dimensionless(&self, time: f64, path: f64) -> f64 {
+        self.coefficient() * time / (path * path)
+    }
+
+    /// Takes a record if one is due.
+    pub fn watch(&mut self, state: &State, mesh: &Mesh) {
+        let Some(water) = &state.fluid else { return };
+        let time = state.time - self.start;
+        if self.dimensionless(time, self.path()) < self.next {
+            return;
+        }
+        while self.next <= self.dimensionless(time, self.path()) {
+            self.next *= RATIO;
+        }
+        let cell = &state.domain.cell;
+        let packing = Packing { cell, position: &state.grains.position, radius: &state.grains.radius };
+        self.records.push(Record {
+            time,
+            settlement: self.height - (cell.upper() - cell.origin).z,
+            profile: permeability::profile(packing, mesh, &water.pressure, 2),
+        });
+    }
+
+    /// Pressure over load that theory expects at height `z` [m] above the bottom.
+    pub fn theory(&self, z: f64, tv: f64) -> f64 {
+        // Distance from an open end, at most the path.
+        let path = self.path();
+        let depth = if self.open[0] { z - self.held[0] } else { self.height - self.held[1] - z };
+        if depth <= 0.0 || depth >= 2.0 * path { 0.0 } else { pressure(depth / path, tv) }
+    }
+
+    /// The comparison so far; `None` before the first record after [`COMPARE_FROM`].
+    pub fn compare(&self) -> Option<Comparison> {
+        let points: Vec<Point> = self
+            .records
+            .iter()
+            .map(|record| {
+                let tv = self.dimensionless(record.time, self.path());
+                Point {
+                    tv,
+                    time: record.time,
+                    middle: record.profile[6] / self.load,
+                    middle_theory: self.theory(0.5 * self.height, tv),
+                    settlement: record.settlement * self.modulus / (self.load * self.height),
+                    settlement_theory: settlement(tv),
+                }
+            })
+            .collect();
+        let late = || points.iter().filter(|p| p.tv > COMPARE_FROM);
+        late().next()?;
+        let worst = |error: &dyn Fn(&Point) -> f64| late().map(error).fold(0.0, f64::max);
+        Some(Comparison {
+            max_error: worst(&|p| (p.middle - p.middle_theory).abs()),
+            max_settlement_error: worst(&|p| (p.settlement - p.settlement_theory).abs()),
+            max_error_box_path: worst(&|p| {
+                let tv = self.dimensionless(p.time, self.box_path());
+                let path = self.box_path();
+                let from_end = if self.open == [true; 2] { path } else { 0.5 * self.height };
+                (p.middle - pressure(from_end / path, tv)).abs()
+            }),
+            first_pressure: points.iter().take_while(|p| p.tv < 0.01).map(|p| p.middle).fold(0.0, f64::max),
+            points,
+        })
+    }
+}
+
+/// Simulation against theory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// Largest difference of the mid-height pressure over the load for `T_v > 0.05` [-].
+    pub max_error: f64,
+    /// Largest difference of the degree of settlement for `T_v > 0.05` [-].
+    pub max_settlement_error: f64,
+    /// `max_error` had the drainage path been that of the box [-].
+    pub max_error_box_path: f64,
+    /// Largest mid-height pressure over the load for `T_v < 0.01` [-]; theory: 1.
+    pub first_pressure: f64,
+    /// Every record.
+    pub points: Vec<Point>,
+}
+
+/// One record against theory; all dimensionless but the time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Point {
+    /// `C_v t / path²`.
+    pub tv: f64,
+    /// [s]
+    pub time: f64,
+    /// Mid-height pressure over load.
+    pub middle: f64,
+    /// What theory expects.
+    pub middle_theory: f64,
+    /// Settlement over that of the dry test.
+    pub settlement: f64,
+    /// What theory expects.
+    pub settlement_theory: f64,
+}
+
+/// `p/p0` at depth `x` (in drainage paths) below the open end, `physics` §3.
+pub fn pressure(x: f64, tv: f64) -> f64 {
+    if tv <= 0.0 {
+        return 1.0;
+    }
+    series(tv, |k, decay| 4.0 / ((2.0 * k + 1.0) * PI) * ((2.0 * k + 1.0) * 0.5 * PI * x).sin() * decay)
+}
+
+/// Degree of settlement U (M 2.25 corrected).
+pub fn settlement(tv: f64) -> f64 {
+    if tv <= 0.0 {
+        return 0.0;
+    }
+    1.0 - series(tv, |k, decay| 8.0 / ((2.0 * k + 1.0) * PI).powi(2) * decay)
+}
+
+/// Sum over k of the terms, until they have decayed below rounding.
+fn series(tv: f64, term: impl Fn(f64, f64) -> f64) -> f64 {
+    let mut sum = 0.0;
+    for k in 0..100_000 {
+        let k = f64::from(k);
+        let decay = (-(2.0 * k + 1.0).powi(2) * PI * PI * tv / 4.0).exp();
+        sum += term(k, decay);
+        if decay < 1e-17 {
+            break;
+        }
+    }
+    sum
+}
+
+/// Volume of the pores that a face holds [m³].
+fn held_volume(mesh: &Mesh, face: u8) -> f64 {
+    debug_assert!(face != FREE);
+    (0..mesh.volume.len())
+        .filter(|&pore| mesh.held[mesh.node[pore] as usize] == face)
+        .map(|p| mesh.volume[p])
+        .sum()
+}
+
+/// Settlement of a dry copy of the sample under the stage's load [m].
+fn dry_settlement(state: &State, model: &Model) -> Result<f64, ConsolidationError> {
+    let mut copy = state.clone();
+    let dry = Model { fluid: None, damping: DRY_DAMPING, ..model.clone() };
+    let mut work = Work::default();
+    let height = |s: &State| (s.domain.cell.upper() - s.domain.cell.origin).z;
+    let (mut last, mut quiet) = (0.0, 0);
+    for _ in 0..DRY_MOST / DRY_LOOK {
+        for _ in 0..DRY_LOOK {
+            step(&mut copy, &dry, &mut work).map_err(ConsolidationError::Dry)?;
+        }
+        let now = height(state) - height(&copy);
+        quiet = if (now - last).abs() < DRY_REST * now.abs() { quiet + 1 } else { 0 };
+        if quiet == 2 {
+            return Ok(now);
+        }
+        last = now;
+    }
+    Err(ConsolidationError::Restless)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{pressure, settlement};
+
+    #[test]
+    fn terzaghi_has_its_textbook_values() {
+        assert!((settlement(0.1) - 0.357).abs() < 1e-3);
+        assert!((settlement(0.197) - 0.5).abs() < 1e-3);
+        assert!((settlement(0.848) - 0.9).abs() < 1e-3);
+        assert!((pressure(1.0, 1e-4) - 1.0).abs() < 1e-9);
+        assert!((pressure(1.0, 0.5) - 0.3709).abs() < 2e-3);
+        assert!(pressure(0.0, 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn settlement_is_what_the_pressure_has_given_up() {
+        for tv in [0.01, 0.1, 0.7] {
+            let n = 2000;
+            let mean: f64 = (0..n).map(|i| pressure((i as f64 + 0.5) / n as f64, tv)).sum::<f64>() / n as f64;
+            assert!((1.0 - mean - settlement(tv)).abs() < 1e-6, "{tv}");
+        }
+    }
+}
