@@ -33,6 +33,7 @@ fn main() {
             if let Some(folder) = folder {
                 write(folder, &sample);
             }
+            repair(&sample);
             let walled = report(&sample, "", [false; 3]);
             let periodic = report(&sample, ", periodic", [true; 3]);
             println!(
@@ -57,6 +58,49 @@ fn report(sample: &Sample, kind: &str, periodic: [bool; 3]) -> f64 {
     let each = |t: f64| 1e6 * t / n as f64;
     println!("| {}{kind} | {n} | {pores} | {:.2} | {:.2} |", sample.name, each(shortest), each(median));
     shortest
+}
+
+/// Cost of following a strain of one percent: uniaxial compression of the box, and the same with each grain off its
+/// affine path by up to half a percent of the mean distance in every direction.
+fn repair(sample: &Sample) {
+    let n = sample.position.len();
+    let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+    let strained = Cell::walled(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.99));
+    let before = Triangulation::new(&cell, &sample.position, &sample.radius).expect("a valid sample");
+    let distance = (n as f64).cbrt().recip();
+    for (name, off) in [("1 % strain", 0.0), ("1 % strain, 0.1 % off", 1e-3), ("1 % strain, 0.5 % off", 5e-3)]
+    {
+        let mut state = 1u64;
+        let mut dice = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let moved = |p: &DVec3| {
+            let off = DVec3::new(dice(), dice(), dice()) * (off * distance);
+            (*p * strained.upper() + off).clamp(DVec3::ZERO, strained.upper())
+        };
+        let position: Vec<DVec3> = sample.position.iter().map(moved).collect();
+        let mut report = porograin_geometry::Repair::default();
+        let mut copies = vec![before.clone(); (400_000 / n).clamp(3, 15)];
+        let runs = copies.len();
+        let [shortest, median] = samples::time(runs, || {
+            if let Some(mut t) = copies.pop() {
+                report = t.repair(&strained, &position, &sample.radius).expect("a valid sample");
+            }
+        });
+        let [new, _] = samples::time(runs, || {
+            Triangulation::new(&strained, &position, &sample.radius).expect("a valid sample");
+        });
+        let each = |t: f64| 1e6 * t / n as f64;
+        println!(
+            "| repair after {name}: {report:?}, {:.2} of a rebuild | {n} | | {:.2} | {:.2} |",
+            shortest / new,
+            each(shortest),
+            each(median)
+        );
+    }
 }
 
 fn write(folder: &str, sample: &Sample) {

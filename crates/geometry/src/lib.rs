@@ -14,4 +14,4 @@ pub mod throat;
 pub mod triangulation;
 pub use cell::Cell;
 pub use neighbours::Neighbours;
-pub use triangulation::{Triangulation, TriangulationError};
+pub use triangulation::{Repair, Triangulation, TriangulationError};

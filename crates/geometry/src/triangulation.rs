@@ -10,12 +10,13 @@ pub(crate) mod frame;
 pub(crate) mod lattice;
 mod mesh;
 mod periodic;
+mod repair;
 
 use crate::predicates::Forms;
 use crate::{Cell, order};
 use frame::Frame;
 use glam::DVec3;
-use mesh::{Mesh, Space};
+use mesh::{Mesh, Pore, Space};
 
 /// A vertex of a pore: a grain `0..n`, or a wall `FIRST_WALL + face`.
 pub type Vertex = u32;
@@ -134,6 +135,56 @@ impl Triangulation {
     /// # Errors
     /// [`TriangulationError`] names the first grain that is not finite, has a negative radius or lies outside.
     pub fn new(cell: &Cell, position: &[DVec3], radius: &[f64]) -> Result<Self, TriangulationError> {
+        Sample::new(cell, position, radius)?.triangulate(cell, position)
+    }
+
+    /// Follows the grains to new positions, radii or a new cell: the same result as [`new`](Self::new), bit for bit, and
+    /// cheaper if few pores change.
+    ///
+    /// Any triangulation of as many grains will do as a start; if too much has changed, or if the sample is a periodic one of
+    /// fewer than about 5000 grains, it is rebuilt.
+    ///
+    /// # Errors
+    /// Those of [`new`](Self::new); the triangulation is then unchanged.
+    pub fn repair(
+        &mut self,
+        cell: &Cell,
+        position: &[DVec3],
+        radius: &[f64],
+    ) -> Result<Repair, TriangulationError> {
+        let sample = Sample::new(cell, position, radius)?;
+        if let Some(report) = sample.follow(self)? {
+            return Ok(report);
+        }
+        *self = sample.triangulate(cell, position)?;
+        Ok(Repair { rebuilt: true, ..Default::default() })
+    }
+}
+
+/// What a [repair](Triangulation::repair) did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Repair {
+    /// The triangulation was made afresh.
+    pub rebuilt: bool,
+    /// Number of separate holes that were refilled.
+    pub holes: usize,
+    /// Number of pores that were replaced.
+    pub replaced: usize,
+    /// Number of grains that were inserted anew: hidden before, or left without a pore.
+    pub reinserted: usize,
+}
+
+/// Checked and snapped input, in the user's numbering.
+struct Sample {
+    points: Vec<[f64; 4]>,
+    /// Periods taken away from each grain; empty without a periodic axis.
+    periods: Vec<[i32; 3]>,
+    space: Space,
+    spacing: f64,
+}
+
+impl Sample {
+    fn new(cell: &Cell, position: &[DVec3], radius: &[f64]) -> Result<Self, TriangulationError> {
         if position.len() != radius.len() {
             return Err(TriangulationError::Lengths { positions: position.len(), radii: radius.len() });
         }
@@ -141,7 +192,6 @@ impl Triangulation {
             return Err(TriangulationError::TooMany);
         }
         let frame = Frame::new(cell)?;
-        let curve = order::hilbert(cell, position);
         let mut points = Vec::with_capacity(position.len());
         let mut periods = Vec::new();
         for (grain, (&x, &r)) in position.iter().zip(radius).enumerate() {
@@ -151,9 +201,7 @@ impl Triangulation {
                 periods.push(placed.periods);
             }
         }
-        let points: Vec<[f64; 4]> = curve.iter().map(|&i| points[i as usize]).collect();
-        let grains = points.len();
-        let spacing = (frame.volume / grains.max(1) as f64).cbrt().max(1.0);
+        let spacing = (frame.volume / points.len().max(1) as f64).cbrt().max(1.0);
         let space = Space {
             lower: [0.0; 3],
             upper: frame.upper,
@@ -162,15 +210,102 @@ impl Triangulation {
             reach: spacing.log2().round().exp2(),
             largest: points.iter().map(|p| p[3]).fold(0.0, f64::max),
         };
+        Ok(Sample { points, periods, space, spacing })
+    }
+
+    fn triangulate(&self, cell: &Cell, position: &[DVec3]) -> Result<Triangulation, TriangulationError> {
+        let curve = order::hilbert(cell, position);
+        let points: Vec<[f64; 4]> = curve.iter().map(|&i| self.points[i as usize]).collect();
         if cell.periodic != [false; 3] {
-            return periodic::triangulate(&points, &curve, &periods, &space, spacing);
+            return periodic::triangulate(&points, &curve, &self.periods, &self.space, self.spacing);
         }
-        let mut mesh = Mesh::new(points, curve, &space);
+        let grains = points.len();
+        let mut mesh = Mesh::new(points, curve, &self.space);
         let mut rounds = order::rounds(grains, 4).0.into_iter();
         if let Some(first) = rounds.next() {
             mesh.start(first);
         }
         rounds.for_each(|grain| mesh.insert(grain));
         Ok(canonical::number(&mesh, grains))
+    }
+
+    /// Repairs a triangulation of the same grains; `None` (and no change) if that does not work.
+    fn follow(&self, old: &mut Triangulation) -> Result<Option<Repair>, TriangulationError> {
+        let n = self.points.len();
+        let lattice = &self.space.lattice;
+        let torus = lattice.periodic != [false; 3];
+        if !old.fits(n, lattice.periodic) {
+            return Ok(None);
+        }
+        let labels: Vec<u32> = (0..n as u32).collect();
+        let mut mesh = Mesh::new(self.points.clone(), labels.clone(), &self.space);
+        let inner = |v: Vertex| wall(v).map_or(v, |face| (n + face) as u32);
+        let pore = |(vertex, &neighbour): (&[Vertex; 4], &[u32; 4])| {
+            let [a, b, c, d] = *vertex;
+            Pore { vertex: [inner(a), inner(b), inner(c), inner(d)], neighbour, sphere: Default::default() }
+        };
+        mesh.resume(old.pores.iter().zip(&old.neighbours).map(pore).collect(), old.hidden.clone());
+        // Holes must be small against the period, so that their vertices are met at the nearest images.
+        let small = |power: f64| {
+            let square = (power + self.space.largest).max(0.0);
+            !torus || 2.0 * periodic::FIT * square.sqrt() < lattice.least_height()
+        };
+        let (bad, power) = mesh.survey();
+        if bad.len() > old.pores.len() / 8 + 8 || !small(power) {
+            return Ok(None);
+        }
+        let untouched = bad.is_empty();
+        let Ok(replaced) = mesh.mend(bad) else { return Ok(None) };
+        let report = Repair {
+            rebuilt: false,
+            holes: replaced.holes,
+            replaced: replaced.pores,
+            reinserted: replaced.reinserted,
+        };
+        mesh.hidden.sort_unstable();
+        if untouched && mesh.hidden == old.hidden {
+            if torus {
+                old.shifts = periodic::shifts(&old.pores, &self.points, &self.periods, lattice)?;
+            }
+            return Ok(Some(report));
+        }
+        if torus && !small(mesh.largest_power()) {
+            return Ok(None);
+        }
+        let mut new = canonical::number(&mesh, n);
+        if torus {
+            new.shifts = periodic::shifts(&new.pores, &self.points, &self.periods, lattice)?;
+        }
+        *old = new;
+        Ok(Some(report))
+    }
+}
+
+impl Triangulation {
+    /// Whether this can be a triangulation of `n` grains in a cell with these periodic axes.
+    fn fits(&self, n: usize, periodic: [bool; 3]) -> bool {
+        let mut used = vec![false; n];
+        for pore in &self.pores {
+            for &v in pore {
+                match wall(v) {
+                    Some(face) if periodic[face / 2] => return false,
+                    Some(_) => {}
+                    None if (v as usize) < n => used[v as usize] = true,
+                    None => return false,
+                }
+            }
+        }
+        for &g in &self.hidden {
+            match used.get_mut(g as usize) {
+                Some(used) if !*used => *used = true,
+                _ => return false,
+            }
+        }
+        let pores = self.pores.len();
+        n > 0
+            && used.iter().all(|&u| u)
+            && self.neighbours.len() == pores
+            && self.shifts.len() == if periodic == [false; 3] { 0 } else { pores }
+            && self.neighbours.iter().flatten().all(|&p| p == NONE || (p as usize) < pores)
     }
 }

@@ -48,25 +48,25 @@ struct Near {
 
 pub(super) struct Mesh {
     /// `[x, y, z, w]` of every grain, whole numbers.
-    points: Vec<[f64; 4]>,
+    pub(super) points: Vec<[f64; 4]>,
     /// Index of every grain in the user's numbering, for ties.
-    label: Vec<u32>,
-    lower: [f64; 3],
-    upper: [f64; 3],
+    pub(super) label: Vec<u32>,
+    pub(super) lower: [f64; 3],
+    pub(super) upper: [f64; 3],
     /// Differences are taken to the nearest image; without periods that changes nothing.
-    lattice: Lattice,
-    torus: bool,
-    forms: Forms,
+    pub(super) lattice: Lattice,
+    pub(super) torus: bool,
+    pub(super) forms: Forms,
     /// A power of two near the distance of neighbours: wall rows are scaled by it so that the columns of the
     /// determinants hold numbers of one magnitude (the filter needs that).
-    reach: f64,
-    filter: Filter,
+    pub(super) reach: f64,
+    pub(super) filter: Filter,
     pub pores: Vec<Pore>,
     /// `2 i + 1` in conflict with, `2 i` tested against the `i`-th query.
-    stamp: Vec<u32>,
-    round: u32,
-    free: Vec<u32>,
-    last: u32,
+    pub(super) stamp: Vec<u32>,
+    pub(super) round: u32,
+    pub(super) free: Vec<u32>,
+    pub(super) last: u32,
     /// Grains without a pore, insertion numbering.
     pub hidden: Vec<u32>,
     /// Place of each vertex in `near`, valid if that entry names the vertex.
@@ -74,6 +74,8 @@ pub(super) struct Mesh {
     near: Vec<Near>,
     hole: Vec<(u32, [u32; 4])>,
     facets: Vec<Facet>,
+    /// Vertices of the hole under repair.
+    pub(super) candidates: Vec<u32>,
     table: Vec<u32>,
     map: HashMap<(u32, u32), u32>,
 }
@@ -114,6 +116,7 @@ impl Mesh {
             near: Vec::new(),
             hole: Vec::new(),
             facets: Vec::new(),
+            candidates: Vec::new(),
             table: Vec::new(),
             map: HashMap::new(),
             points,
@@ -169,7 +172,7 @@ impl Mesh {
 
     /// The row of a vertex seen from a query.
     #[inline(always)]
-    fn row(&self, vertex: u32, query: [f64; 4]) -> Row {
+    pub(super) fn row(&self, vertex: u32, query: [f64; 4]) -> Row {
         match self.points.get(vertex as usize) {
             Some(&p) => {
                 let d = self.lattice.nearest([p[0] - query[0], p[1] - query[1], p[2] - query[2]]);
@@ -228,12 +231,12 @@ impl Mesh {
     }
 
     /// The exact direction of a row: whole numbers.
-    fn exact_direction(&self, vertex: u32, row: &Row) -> [i64; 3] {
+    pub(super) fn exact_direction(&self, vertex: u32, row: &Row) -> [i64; 3] {
         let scale = if (vertex as usize) < self.points.len() { 1.0 } else { self.reach };
         [row.x, row.y, row.z].map(|c| (c / scale) as i64)
     }
 
-    fn exact_row(&self, vertex: u32, row: &Row, grain: u32) -> ExactRow {
+    pub(super) fn exact_row(&self, vertex: u32, row: &Row, grain: u32) -> ExactRow {
         let query = self.points[grain as usize];
         let d = self.exact_direction(vertex, row);
         match self.points.get(vertex as usize) {
@@ -343,14 +346,14 @@ impl Mesh {
 
     #[inline(always)]
     fn conflict(&self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
-        let (value, bound) = self.filter.power(&self.pores[pore as usize].sphere, query, &self.lattice);
+        let Pore { vertex, sphere, .. } = &self.pores[pore as usize];
+        let (value, bound) = self.filter.power(sphere, query, &self.lattice);
         // The bound of an inaccurate sphere is not a number.
-        if value.abs() > bound { value < 0.0 } else { self.conflict_rows(pore, grain, query) }
+        if value.abs() > bound { value < 0.0 } else { self.conflict_exact(*vertex, grain, query) }
     }
 
     #[cold]
-    fn conflict_rows(&self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
-        let vertex = self.pores[pore as usize].vertex;
+    pub(super) fn conflict_exact(&self, vertex: [u32; 4], grain: u32, query: [f64; 4]) -> bool {
         let rows = self.rows(vertex, query);
         let (value, bound) = predicates::power([&rows[0], &rows[1], &rows[2], &rows[3]]);
         if value.abs() > bound {

@@ -8,7 +8,7 @@
 use super::canonical::{self, PeriodicPore};
 use super::lattice::Lattice;
 use super::mesh::{FREE, Mesh, Pore, Space};
-use super::{NONE, Triangulation, TriangulationError};
+use super::{NONE, Triangulation, TriangulationError, Vertex};
 use crate::order;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -16,7 +16,7 @@ use std::collections::HashMap;
 /// The largest power sphere of a torus, by its radius `rho` (with the largest weight added), must fit this often into the
 /// distance of lattice planes. Vertices of a pore are at most `2 rho` apart, the query at most `2 rho` from the
 /// vertices of pores in conflict and `3 rho` from the centres of their neighbours: half a period each.
-const FIT: f64 = 6.0;
+pub(super) const FIT: f64 = 6.0;
 
 /// A vertex of a pore among images: the grain and its period along the reduced basis.
 type Image = (u32, [i32; 3]);
@@ -75,19 +75,29 @@ fn unfold(
     periods: &[[i32; 3]],
     lattice: &Lattice,
 ) -> Result<Triangulation, TriangulationError> {
-    // The vertices of a pore are different grains, at their nearest images: shifts follow from the numbering.
     let mut t = canonical::number(mesh, points.len());
     let mut place = vec![[0.0; 4]; points.len()];
     for (&g, &point) in label.iter().zip(points) {
         place[g as usize] = point;
     }
-    t.shifts.reserve_exact(t.pores.len());
-    for pore in &t.pores {
+    t.shifts = shifts(&t.pores, &place, periods, lattice)?;
+    Ok(t)
+}
+
+/// The shifts of pores whose vertices are different grains at their nearest images; points in the user's numbering.
+pub(super) fn shifts(
+    pores: &[[Vertex; 4]],
+    points: &[[f64; 4]],
+    periods: &[[i32; 3]],
+    lattice: &Lattice,
+) -> Result<Vec<[[i8; 3]; 4]>, TriangulationError> {
+    let mut all = Vec::with_capacity(pores.len());
+    for pore in pores {
         let base = pore[0] as usize;
         let mut shifts = [[0; 3]; 4];
         for k in 1..4 {
             let grain = pore[k] as usize;
-            let (Some(p), b) = (place.get(grain), &place[base]) else { continue };
+            let (Some(p), b) = (points.get(grain), &points[base]) else { continue };
             let d = [p[0] - b[0], p[1] - b[1], p[2] - b[2]];
             if lattice.is_nearest(d) && periods[grain] == periods[base] {
                 continue;
@@ -98,9 +108,9 @@ fn unfold(
                 *small = i8::try_from(whole).map_err(|_| TriangulationError::Far { grain })?;
             }
         }
-        t.shifts.push(shifts);
+        all.push(shifts);
     }
-    Ok(t)
+    Ok(all)
 }
 
 /// A pore in the user's numbering and periods.

@@ -1,0 +1,135 @@
+//! Repair gives what a rebuild gives, bit for bit.
+
+mod common;
+
+use common::{Dice, STEP, complex};
+use glam::{DMat3, DVec3};
+use porograin_geometry::{Cell, Triangulation, TriangulationError};
+
+fn cells() -> [Cell; 3] {
+    let sheared = DMat3::from_cols(DVec3::X, DVec3::new(0.25, 1.0, 0.0), DVec3::new(0.0, 0.125, 1.0));
+    [
+        Cell::walled(DVec3::ZERO, DVec3::ONE),
+        Cell::periodic(DVec3::ZERO, sheared),
+        Cell { origin: DVec3::ZERO, edges: DMat3::IDENTITY, periodic: [true, false, true] },
+    ]
+}
+
+fn shaken(dice: &mut Dice, x: &[DVec3], by: f64) -> Vec<DVec3> {
+    let moved = |p: &DVec3| *p + (dice.point() - 0.5) * 2.0 * by;
+    x.iter().map(moved).map(|p| p.clamp(DVec3::ZERO, DVec3::ONE)).collect()
+}
+
+/// Well-spread grains: one in each cell of a grid.
+fn grid(dice: &mut Dice, m: u64) -> Vec<DVec3> {
+    let corner = |i: u64| DVec3::new((i % m) as f64, (i / m % m) as f64, (i / m / m) as f64);
+    (0..m * m * m).map(|i| (corner(i) + 0.1 + 0.8 * dice.point()) / m as f64).collect()
+}
+
+#[test]
+fn small_and_large_motions() {
+    let mut dice = Dice(21);
+    for cell in cells() {
+        let mut followed = 0;
+        for m in [2, 5, 18, 20] {
+            let x = grid(&mut dice, m);
+            let r: Vec<f64> = x.iter().map(|_| (0.1 + 0.5 * dice.unit()) / m as f64).collect();
+            for by in [0.0, 1e-12, 1e-6, 1e-3, 0.01, 0.05, 0.5] {
+                let mut t = Triangulation::new(&cell, &x, &r).unwrap();
+                let y = shaken(&mut dice, &x, by / m as f64);
+                let report = t.repair(&cell, &y, &r).unwrap();
+                assert!(t == Triangulation::new(&cell, &y, &r).unwrap(), "{m} {by} {report:?}");
+                followed += usize::from(!report.rebuilt);
+                if m > 17 && by < 2e-3 {
+                    assert!(!report.rebuilt, "{by} {report:?}");
+                    assert_eq!(report.replaced > 0, by > 1e-5, "{by} {report:?}");
+                }
+            }
+        }
+        assert!(followed >= 8);
+    }
+}
+
+#[test]
+fn grains_that_appear_and_disappear() {
+    let mut dice = Dice(22);
+    let cell = &cells()[0];
+    let mut reinserted = 0;
+    for _ in 0..60 {
+        let x: Vec<DVec3> = (0..300).map(|_| dice.point()).collect();
+        let r: Vec<f64> = x.iter().map(|_| 0.15 * dice.unit()).collect();
+        let mut t = Triangulation::new(cell, &x, &r).unwrap();
+        for by in [1e-4, 1e-3, 2e-3] {
+            let y = shaken(&mut dice, &x, by);
+            let report = t.repair(cell, &y, &r).unwrap();
+            assert!(t == Triangulation::new(cell, &y, &r).unwrap(), "{by} {report:?}");
+            complex(x.len(), &t);
+            reinserted += report.reinserted;
+        }
+    }
+    assert!(reinserted > 100);
+}
+
+#[test]
+fn ties_before_and_after() {
+    let mut dice = Dice(23);
+    let cell = &cells()[0];
+    for m in [3u64, 4, 6] {
+        let corner = |i: u64| DVec3::new((i % m) as f64, (i / m % m) as f64, (i / m / m) as f64);
+        let lattice: Vec<DVec3> =
+            (0..m * m * m).map(|i| ((corner(i) + 0.5) / m as f64 / STEP).round() * STEP).collect();
+        let r = vec![0.0625; lattice.len()];
+        for by in [STEP, 1e-3] {
+            let shaken = shaken(&mut dice, &lattice, by);
+            for (from, to) in [(&lattice, &shaken), (&shaken, &lattice)] {
+                let mut t = Triangulation::new(cell, from, &r).unwrap();
+                let report = t.repair(cell, to, &r).unwrap();
+                assert!(t == Triangulation::new(cell, to, &r).unwrap(), "{report:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_cell_may_shear_and_radii_may_grow() {
+    let mut dice = Dice(24);
+    let cell = cells()[1];
+    let f: Vec<DVec3> = grid(&mut dice, 18);
+    let mut r: Vec<f64> = f.iter().map(|_| 0.01 + 0.01 * dice.unit()).collect();
+    let at = |cell: &Cell| f.iter().map(|f| cell.edges * *f).collect::<Vec<DVec3>>();
+    let mut t = Triangulation::new(&cell, &at(&cell), &r).unwrap();
+    let (mut now, mut replaced) = (cell, 0);
+    for step in 0..5 {
+        now.edges.y_axis.x += 0.004;
+        r.iter_mut().for_each(|r| *r *= 1.001);
+        // Every other time the grains are put back into another period.
+        let mut x = at(&now);
+        if step % 2 == 1 {
+            x.iter_mut().step_by(3).for_each(|p| *p += now.edges.y_axis - now.edges.x_axis);
+        }
+        let report = t.repair(&now, &x, &r).unwrap();
+        assert!(!report.rebuilt);
+        replaced += report.replaced;
+        assert!(t == Triangulation::new(&now, &x, &r).unwrap());
+    }
+    assert!(replaced > 100);
+}
+
+#[test]
+fn another_sample_is_rebuilt_and_bad_input_changes_nothing() {
+    let mut dice = Dice(25);
+    let cell = cells()[0];
+    let x = grid(&mut dice, 4);
+    let r = vec![0.05; 64];
+    let mut t = Triangulation::new(&cell, &x, &r).unwrap();
+    let before = t.clone();
+    let mut bad = x.clone();
+    bad[9].x = f64::NAN;
+    assert_eq!(t.repair(&cell, &bad, &r), Err(TriangulationError::Position { grain: 9 }));
+    assert_eq!(t, before);
+    assert!(t.repair(&cell, &x[..60], &r[..60]).unwrap().rebuilt);
+    assert_eq!(t, Triangulation::new(&cell, &x[..60], &r[..60]).unwrap());
+    let periodic = Cell { periodic: [true; 3], ..cell };
+    assert!(t.repair(&periodic, &x, &r).unwrap().rebuilt);
+    assert_eq!(t, Triangulation::new(&periodic, &x, &r).unwrap());
+}
