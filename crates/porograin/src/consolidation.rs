@@ -250,7 +250,7 @@ pub struct Comparison {
 }
 
 /// One record against theory; all dimensionless but the time.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     /// `C_v t / path²`.
     pub tv: f64,

@@ -1,5 +1,6 @@
 //! How far a run has come.
 
+use crate::consolidation::Consolidation;
 use serde::{Deserialize, Serialize};
 
 /// Where in a case a simulation stands: with the [`State`], all that a restart needs.
@@ -11,6 +12,8 @@ pub struct Progress {
     pub began: Option<Began>,
     /// The stages that are done.
     pub done: Vec<Done>,
+    /// The last stage that was to be compared with Terzaghi's theory, as seen so far.
+    pub consolidation: Option<Consolidation>,
 }
 
 /// How a stage began.

@@ -2,10 +2,12 @@
 
 use crate::boundary::{FACE_NAMES, Solid};
 use crate::case::{Case, CaseError, Plan, Stage, reason};
+use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::measure;
 use crate::model::Model;
 use crate::output::folder::Folder;
-use crate::output::summary::{Sample, StageSummary};
+use crate::output::report;
+use crate::output::summary::{Sample, StageSummary, Terzaghi};
 use crate::progress::{Began, Done, Progress};
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
@@ -52,6 +54,13 @@ pub enum RunError {
         /// What happened.
         error: StepError,
     },
+    /// A stage cannot be compared with Terzaghi's theory.
+    Consolidation {
+        /// Name of the stage.
+        stage: String,
+        /// What happened.
+        error: ConsolidationError,
+    },
     /// A stage did not reach its end in time.
     Endless {
         /// Name of the stage.
@@ -72,6 +81,7 @@ impl fmt::Display for RunError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             RunError::Step { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Consolidation { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
             RunError::Endless { stage, why } => {
                 write!(f, "the stage `{stage}` did not come to its end: {why}")
             }
@@ -141,6 +151,11 @@ impl Simulation {
                 if self.model.fluid.is_none() {
                     self.state.fluid = None;
                 }
+                if stage.consolidation {
+                    let consolidation = Consolidation::begin(&self.state, &self.model)
+                        .map_err(|error| RunError::Consolidation { stage: stage.name.clone(), error })?;
+                    self.progress.consolidation = Some(consolidation);
+                }
                 self.progress.began = Some(began);
                 self.began = began;
                 began
@@ -148,6 +163,12 @@ impl Simulation {
         };
         let report = step(&mut self.state, &self.model, &mut self.work)
             .map_err(|error| RunError::Step { stage: stage.name.clone(), error })?;
+        if stage.consolidation
+            && let (Some(consolidation), Some(mesh)) =
+                (&mut self.progress.consolidation, self.work.fluid.mesh())
+        {
+            consolidation.watch(&self.state, mesh);
+        }
         let Some(ended) = self.ended(stage, began)? else { return Ok(Some(Event::Step(report))) };
         self.progress.done.push(Done {
             name: stage.name.clone(),
@@ -291,7 +312,7 @@ pub fn run(
                 sitting.note(simulation, folder, simulation.progress.stage, "running");
             }
             folder.summary.finished = ending == Ending::Finished;
-            folder.summary.sample = sample(simulation);
+            results(simulation, folder)?;
             folder.checkpoint(&simulation.state, &simulation.progress).map_err(unwritable)?;
             return Ok(ending);
         }
@@ -315,6 +336,7 @@ pub fn run(
             model: &simulation.model,
             began: &began,
             loads: &simulation.work.loads,
+            mesh: simulation.work.fluid.mesh(),
             report: &report,
         };
         folder.record(&now, end).map_err(unwritable)?;
@@ -322,6 +344,7 @@ pub fn run(
         if end || saved.elapsed() >= options.checkpoint {
             let ended = if end { simulation.progress.done[stage].ended.clone() } else { "running".into() };
             sitting.note(simulation, folder, stage, &ended);
+            results(simulation, folder)?;
             folder.checkpoint(&simulation.state, &simulation.progress).map_err(unwritable)?;
             saved = Instant::now();
         }
@@ -389,13 +412,29 @@ impl Sitting {
     }
 }
 
+/// What is known of the sample and of its consolidation so far, into the summary and the picture.
+fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError> {
+    folder.summary.sample = sample(simulation);
+    let Some(consolidation) = &simulation.progress.consolidation else { return Ok(()) };
+    let Some(comparison) = consolidation.compare() else { return Ok(()) };
+    folder.summary.terzaghi = Some(Terzaghi::new(consolidation, &comparison));
+    let picture = report::Consolidation::new(consolidation, &comparison).svg();
+    folder.write("consolidation.svg", picture.as_bytes()).map_err(unwritable)
+}
+
 fn sample(simulation: &Simulation) -> Sample {
     let State { grains, contacts, domain, .. } = &simulation.state;
+    let census = simulation.work.fluid.mesh().map(|mesh| mesh.census);
+    let consolidation = simulation.progress.consolidation.as_ref();
     Sample {
+        pores: census.map(|c| c.pores),
+        throats: census.map(|c| c.throats),
+        merged: census.map(|c| c.merged),
+        permeability: consolidation.map(|c| c.permeability),
+        oedometric_modulus: consolidation.map(|c| c.modulus),
         grains: grains.len(),
         contacts: contacts.len(),
         porosity: 1.0 - grains.volume() / domain.cell.volume(),
-        ..Sample::default()
     }
 }
 

@@ -3,10 +3,13 @@
 use crate::grains::Loads;
 use crate::measure;
 use crate::model::Model;
+use crate::permeability;
+use crate::pores::Mesh;
 use crate::progress::Began;
 use crate::state::State;
 use crate::step::Report;
 use porograin_geometry::cell::NORMALS;
+use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
 
 /// When to do something again and again.
@@ -164,8 +167,17 @@ pub struct Snapshot<'a> {
     pub began: &'a Began,
     /// Loads of the step.
     pub loads: &'a Loads,
+    /// The pores, in a wet stage.
+    pub mesh: Option<&'a Mesh>,
     /// What the step did.
     pub report: &'a Report,
+}
+
+impl Snapshot<'_> {
+    /// The pores and the pressure of each node [Pa], in a wet stage.
+    pub fn water(&self) -> Option<(&Mesh, &[f64])> {
+        Some((self.mesh?, &self.state.fluid.as_ref()?.pressure))
+    }
 }
 
 impl Measure {
@@ -185,7 +197,27 @@ impl Measure {
             Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],
-            Measure::Pressure | Measure::PressureProfile | Measure::Outflow => return None,
+            Measure::Pressure => {
+                let (mesh, pressure) = now.water()?;
+                let (mut sum, mut volume) = (0.0, 0.0);
+                for (v, &node) in mesh.volume.iter().zip(&mesh.node) {
+                    sum += v * pressure[node as usize];
+                    volume += v;
+                }
+                let least = pressure.iter().copied().fold(f64::INFINITY, f64::min);
+                let greatest = pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                vec![sum / volume, least, greatest]
+            }
+            Measure::PressureProfile => {
+                let (mesh, pressure) = now.water()?;
+                let packing =
+                    Packing { cell: &domain.cell, position: &grains.position, radius: &grains.radius };
+                permeability::profile(packing, mesh, pressure, 2).to_vec()
+            }
+            Measure::Outflow => {
+                let (mesh, pressure) = now.water()?;
+                permeability::fluxes(mesh, pressure).iter().map(|flux| -flux).collect()
+            }
         })
     }
 }

@@ -1,6 +1,7 @@
 //! Pictures of results.
 
 use super::chart::{Axis, Chart, Mark, Series, svg};
+use crate::consolidation::{self, Comparison, Point, Record};
 
 /// A consolidation, measured and in theory.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,7 +36,35 @@ pub struct SettlementPoint {
     pub theory: f64,
 }
 
+/// Time factors at which profiles are drawn.
+const ISOCHRONES: [f64; 6] = [0.02, 0.05, 0.1, 0.2, 0.4, 0.8];
+
 impl Consolidation {
+    /// The profiles nearest to some time factors, and the whole settlement.
+    pub fn new(seen: &consolidation::Consolidation, comparison: &Comparison) -> Self {
+        let tv = |record: &Record| seen.dimensionless(record.time, seen.path());
+        let last = seen.records.last().map_or(0.0, tv);
+        let nearest = |asked: f64| {
+            let distance = |record: &&Record| (tv(record) / asked).ln().abs();
+            seen.records.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        };
+        let isochrones = ISOCHRONES.into_iter().filter(|&asked| asked < 1.1 * last).filter_map(nearest);
+        // Theory on a finer grid than the measured heights would hide where the two are compared.
+        let heights: Vec<f64> = (0..13).map(|k| k as f64 / 12.0).collect();
+        let isochrone = |record: &Record| Isochrone {
+            tv: tv(record),
+            z: heights.clone(),
+            measured: record.profile.iter().map(|p| p / seen.load).collect(),
+            theory: heights.iter().map(|z| seen.theory(z * seen.height, tv(record))).collect(),
+        };
+        let point =
+            |p: &Point| SettlementPoint { tv: p.tv, measured: p.settlement, theory: p.settlement_theory };
+        Consolidation {
+            isochrones: isochrones.map(isochrone).collect(),
+            settlement: comparison.points.iter().map(point).collect(),
+        }
+    }
+
     /// The picture: pressure profiles at the left, settlement at the right, dots measured and lines in theory.
     pub fn svg(&self) -> String {
         let mut profiles = Vec::new();

@@ -1,5 +1,6 @@
 //! `summary.json`: what a run did and what it found.
 
+use crate::consolidation::{Comparison, Consolidation, Point};
 use crate::timers::Timers;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -56,6 +57,8 @@ pub struct Sample {
     pub pores: Option<usize>,
     /// Number of throats.
     pub throats: Option<usize>,
+    /// Pores merged with a neighbour because their radical centres coincide.
+    pub merged: Option<usize>,
     /// Along z [m²].
     pub permeability: Option<f64>,
     /// [Pa]
@@ -65,23 +68,41 @@ pub struct Sample {
 /// Comparison with Terzaghi's theory of consolidation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Terzaghi {
-    /// Largest error of the pressure at mid-height, as part of the initial pressure.
+    /// Largest error of the pressure at mid-height for `T_v > 0.05`, as part of the load.
     pub max_error: f64,
-    /// Largest error of the settlement, as part of the final one.
+    /// Largest error of the settlement for `T_v > 0.05`, as part of that of the dry test.
     pub max_settlement_error: f64,
-    /// The curves at some times.
-    pub curves: Vec<TerzaghiPoint>,
+    /// `max_error` had the drainage path been taken from the box.
+    pub max_error_box_path: f64,
+    /// Largest pressure at mid-height for `T_v < 0.01`, as part of the load; theory: 1.
+    pub first_pressure: f64,
+    /// Added stress on the top [Pa].
+    pub load: f64,
+    /// Coefficient of consolidation `C_v` [m²/s].
+    pub coefficient: f64,
+    /// Drainage path: of the free pores, volume over section [m].
+    pub path: f64,
+    /// Drainage path of the box [m].
+    pub box_path: f64,
+    /// The curves, measured and in theory.
+    pub curves: Vec<Point>,
 }
 
-/// Errors at one time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct TerzaghiPoint {
-    /// Time factor `C_v t / L²` [-].
-    pub tv: f64,
-    /// Error of the pressure at mid-height, as part of the initial pressure.
-    pub pressure_error: f64,
-    /// Error of the settlement, as part of the final one.
-    pub settlement_error: f64,
+impl Terzaghi {
+    /// The numbers of a comparison.
+    pub fn new(consolidation: &Consolidation, comparison: &Comparison) -> Self {
+        Terzaghi {
+            max_error: comparison.max_error,
+            max_settlement_error: comparison.max_settlement_error,
+            max_error_box_path: comparison.max_error_box_path,
+            first_pressure: comparison.first_pressure,
+            load: consolidation.load,
+            coefficient: consolidation.coefficient(),
+            path: consolidation.path(),
+            box_path: consolidation.box_path(),
+            curves: comparison.points.clone(),
+        }
+    }
 }
 
 impl Summary {
