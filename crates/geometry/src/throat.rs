@@ -108,7 +108,7 @@ fn toward(x: DVec3, point: Option<DVec3>, vertex: Vertex) -> DVec3 {
 
 /// Distance from `x` to the wall of `face`, positive inside [m].
 #[inline]
-fn depth(cell: &Cell, x: DVec3, face: usize) -> f64 {
+pub(crate) fn depth(cell: &Cell, x: DVec3, face: usize) -> f64 {
     let axis = face / 2;
     (cell.wall_position(face) - x[axis]) * NORMALS[face][axis]
 }
@@ -181,7 +181,7 @@ pub fn radical_centres(packing: Packing, mesh: &Triangulation) -> Centres {
 }
 
 /// What to add to the shifts of `other` to bring it beside `pore` across facet `k`.
-fn shift_to(mesh: &Triangulation, pore: usize, k: usize, other: usize) -> [i8; 3] {
+pub(crate) fn shift_to(mesh: &Triangulation, pore: usize, k: usize, other: usize) -> [i8; 3] {
     if mesh.shifts.is_empty() {
         return [0; 3];
     }

@@ -1,0 +1,207 @@
+//! What is derived from a triangulation: power cells, point location, derivatives of volume.
+
+mod common;
+
+use common::Dice;
+use glam::{DMat3, DVec3};
+use porograin_geometry::gradient::pore_volume_gradient;
+use porograin_geometry::locate::locate;
+use porograin_geometry::throat::{Packing, pore_volume, radical_centres};
+use porograin_geometry::triangulation::wall;
+use porograin_geometry::voronoi::{Voronoi, voronoi};
+use porograin_geometry::{Cell, Triangulation};
+
+fn cells() -> Vec<Cell> {
+    let sheared = DMat3::from_cols(DVec3::X, DVec3::new(0.25, 1.0, 0.0), DVec3::new(-0.25, 0.125, 1.0));
+    let mut cells = vec![Cell::periodic(DVec3::new(0.5, 0.0, -2.0), sheared)];
+    for periodic in [[false; 3], [true; 3], [true, false, true], [false, false, true]] {
+        cells.push(Cell { periodic, ..Cell::walled(DVec3::new(-1.0, 2.0, 0.0), DVec3::new(0.0, 3.5, 0.75)) });
+    }
+    cells
+}
+
+fn cloud(dice: &mut Dice, cell: &Cell, n: usize) -> (Vec<DVec3>, Vec<f64>) {
+    let x = (0..n).map(|_| cell.origin + cell.edges * dice.point()).collect();
+    (x, (0..n).map(|_| 0.02 + 0.05 * dice.unit()).collect())
+}
+
+/// Power distance to a point of the nearest image.
+fn nearest(packing: Packing, x: DVec3) -> f64 {
+    let range = |k: usize| if packing.cell.periodic[k] { -2..=2 } else { 0..=0 };
+    let mut least = f64::INFINITY;
+    for (i, j, k) in range(0).flat_map(|i| range(1).flat_map(move |j| range(2).map(move |k| (i, j, k)))) {
+        let by = packing.cell.shift([i, j, k]);
+        for (p, r) in packing.position.iter().zip(packing.radius) {
+            least = least.min((x - *p - by).length_squared() - r * r);
+        }
+    }
+    least
+}
+
+fn check(packing: Packing, v: &Voronoi) {
+    let n = packing.position.len();
+    let total: f64 = v.volume.iter().sum();
+    assert!((total - packing.cell.volume()).abs() < 1e-11 * packing.cell.volume(), "{total}");
+    // Every cell is closed.
+    let mut closing = vec![DVec3::ZERO; n];
+    for f in &v.facets {
+        closing[f.between[0] as usize] += f.area;
+        if wall(f.between[1]).is_none() {
+            closing[f.between[1] as usize] -= f.area;
+        }
+    }
+    for (g, c) in closing.iter().enumerate() {
+        assert!(c.length() < 1e-11, "cell {g} is open by {c}");
+        let own = v.around(g as u32).iter().map(|&f| &v.facets[f as usize]);
+        assert!(own.into_iter().all(|f| f.between.contains(&(g as u32))));
+    }
+}
+
+#[test]
+fn power_cells_partition_the_sample() {
+    let mut dice = Dice(31);
+    for cell in cells() {
+        for n in [1, 2, 7, 60, 900] {
+            let (x, r) = cloud(&mut dice, &cell, n);
+            let packing = Packing { cell: &cell, position: &x, radius: &r };
+            let t = Triangulation::new(&cell, &x, &r).unwrap();
+            let v = voronoi(packing, &t, &radical_centres(packing, &t));
+            check(packing, &v);
+            if n > 60 {
+                continue;
+            }
+            for f in &v.facets {
+                let a = x[f.between[0] as usize];
+                let ra = r[f.between[0] as usize];
+                let size = f.area.length();
+                if size < 1e-6 {
+                    continue;
+                }
+                let normal = f.area / size;
+                match wall(f.between[1]) {
+                    Some(face) => assert!(normal.distance(porograin_geometry::cell::NORMALS[face]) < 1e-6),
+                    None => {
+                        let b = x[f.between[1] as usize] + cell.shift(f.shift);
+                        assert!(normal.distance((b - a).normalize()) < 1e-6, "{f:?}");
+                    }
+                }
+                // The middle of a facet is as near to its grain as to any.
+                let own = (f.centroid - a).length_squared() - ra * ra;
+                assert!((own - nearest(packing, f.centroid)).abs() < 1e-9, "{f:?}");
+                assert!(v.corners(f).len() > 2);
+            }
+        }
+    }
+}
+
+#[test]
+fn power_cells_of_lattices() {
+    let cell = Cell::periodic(DVec3::ZERO, DMat3::IDENTITY);
+    let one = |x: &[DVec3]| {
+        let r = vec![0.25; x.len()];
+        let packing = Packing { cell: &cell, position: x, radius: &r };
+        let t = Triangulation::new(&cell, x, &r).unwrap();
+        voronoi(packing, &t, &radical_centres(packing, &t))
+    };
+    let sizes = |v: &Voronoi| {
+        let mut sizes: Vec<f64> = v.facets.iter().map(|f| f.area.length()).filter(|a| *a > 1e-9).collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes
+    };
+    // Cube: three facets per grain; truncated octahedron: three squares (1/2)²/2 and four hexagons of side sqrt(2)/4.
+    let cube = sizes(&one(&[DVec3::splat(0.125)]));
+    assert!(cube.len() == 3 && cube.iter().all(|a| (a - 1.0).abs() < 1e-12), "{cube:?}");
+    let body = sizes(&one(&[DVec3::ZERO, DVec3::splat(0.5)]));
+    let expected = [vec![0.125; 6], vec![3.0 * 3f64.sqrt() / 16.0; 8]].concat();
+    assert_eq!(body.len(), expected.len());
+    assert!(body.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12), "{body:?}");
+}
+
+#[test]
+fn located_pores_contain_their_points() {
+    let mut dice = Dice(32);
+    for cell in cells() {
+        for n in [1, 3, 40, 2000] {
+            let (x, r) = cloud(&mut dice, &cell, n);
+            let packing = Packing { cell: &cell, position: &x, radius: &r };
+            let t = Triangulation::new(&cell, &x, &r).unwrap();
+            let mut hint = 0;
+            for trial in 0..100 {
+                let mut f = dice.point();
+                for k in (0..3).filter(|&k| cell.periodic[k]) {
+                    f[k] = 7.0 * f[k] - 3.0;
+                }
+                let p = if trial == 0 { x[0] } else { cell.origin + cell.edges * f };
+                let found = locate(packing, &t, p, hint).unwrap();
+                hint = if trial % 3 == 0 { u32::MAX } else { found.pore };
+                for k in 0..4 {
+                    let facet = porograin_geometry::triangulation::FACET[k];
+                    let [a, b, c] = facet.map(|j| match packing.point(&t, found.pore as usize, j) {
+                        Some(q) => q + found.offset - p,
+                        None => {
+                            porograin_geometry::cell::NORMALS[wall(t.pores[found.pore as usize][j]).unwrap()]
+                        }
+                    });
+                    assert!(a.dot(b.cross(c)) > -1e-12);
+                }
+            }
+            assert_eq!(locate(packing, &t, DVec3::NAN, 0), None);
+        }
+    }
+}
+
+#[test]
+fn volume_derivatives_are_those_of_the_volumes() {
+    let mut dice = Dice(33);
+    for cell in cells() {
+        let (mut x, r) = cloud(&mut dice, &cell, 30);
+        let t = Triangulation::new(&cell, &x, &r).unwrap();
+        let mut kinds = [0; 5];
+        for pore in 0..t.pores.len() {
+            let packing = Packing { cell: &cell, position: &x, radius: &r };
+            let gradient = pore_volume_gradient(packing, &t, pore);
+            assert!(gradient.iter().sum::<DVec3>().length() < 1e-13);
+            kinds[t.pores[pore].iter().filter(|v| wall(**v).is_some()).count()] += 1;
+            for k in 0..4 {
+                let v = t.pores[pore][k];
+                let direction = dice.point() - 0.5;
+                // By central differences; every image of a grain moves with it.
+                let own = (0..4).filter(|&m| t.pores[pore][m] == v);
+                let expected: f64 = own.map(|m| gradient[m].dot(direction)).sum();
+                let h = 1e-5;
+                let volume = |x: &[DVec3], cell: &Cell| {
+                    pore_volume(Packing { cell, position: x, radius: &r }, &t, pore)
+                };
+                let measured = match wall(v) {
+                    None => {
+                        let home = x[v as usize];
+                        x[v as usize] = home + direction * h;
+                        let up = volume(&x, &cell);
+                        x[v as usize] = home - direction * h;
+                        let down = volume(&x, &cell);
+                        x[v as usize] = home;
+                        (up - down) / (2.0 * h)
+                    }
+                    Some(face) => {
+                        let axis = face / 2;
+                        let moved = |by: f64| {
+                            let mut other = cell;
+                            if face % 2 == 0 {
+                                other.origin[axis] += by;
+                                other.edges.col_mut(axis)[axis] -= by;
+                            } else {
+                                other.edges.col_mut(axis)[axis] += by;
+                            }
+                            volume(&x, &other)
+                        };
+                        let by = h * direction[axis];
+                        (moved(by) - moved(-by)) / (2.0 * h)
+                    }
+                };
+                assert!((measured - expected).abs() < 1e-8, "{:?}: {measured} {expected}", t.pores[pore]);
+            }
+        }
+        let walls = cell.periodic.iter().filter(|p| !**p).count();
+        assert!((0..=walls).all(|k| kinds[k] > 0), "{kinds:?}");
+    }
+}
