@@ -5,6 +5,8 @@ use crate::{Failure, Outcome, threads};
 use glam::DVec3;
 use porograin::Slip;
 use porograin::import::{self, Spheres};
+use porograin::output::frame::pore_mesh;
+use porograin::output::vtk::{self, Field, Values};
 use porograin::permeability::{Outcome as Flow, Problem, measure};
 use porograin::pores::{Conductance, Solver};
 use porograin_geometry::Cell;
@@ -23,6 +25,9 @@ pub fn permeability(arguments: &Permeability) -> Outcome {
         .map_err(|e| Failure::Run(e.to_string()))?;
     if let Some(path) = &arguments.forces {
         write_forces(path, &flow)?;
+    }
+    if let Some(path) = &arguments.vtk {
+        write_vtk(path, &cell, &spheres, &flow)?;
     }
     eprintln!(
         "permeability {:.6e} m2, porosity {:.4}, {} pores, {} throats",
@@ -121,6 +126,25 @@ fn write_forces(path: &Path, flow: &Flow) -> Result<(), Failure> {
         );
     }
     std::fs::write(path, text).map_err(|e| Failure::Input(format!("cannot write {}: {e}", path.display())))
+}
+
+/// Grains and pores for ParaView.
+fn write_vtk(folder: &Path, cell: &Cell, spheres: &Spheres, flow: &Flow) -> Result<(), Failure> {
+    let grains = vtk::points(
+        &spheres.position,
+        &[
+            Field { name: "radius [m]", values: Values::Scalars(&spheres.radius) },
+            Field { name: "fluid force [N]", values: Values::Vectors(&flow.loads.force) },
+            Field { name: "fluid torque [N m]", values: Values::Vectors(&flow.loads.torque) },
+        ],
+    );
+    let pores = vtk::mesh(&pore_mesh(&flow.mesh, &spheres.position, cell, &flow.pressure));
+    let write = || {
+        std::fs::create_dir_all(folder)?;
+        std::fs::write(folder.join("grains.vtp"), grains)?;
+        std::fs::write(folder.join("pores.vtu"), pores)
+    };
+    write().map_err(|e| Failure::Input(format!("cannot write into {}: {e}", folder.display())))
 }
 
 /// The object that `--json` prints.

@@ -57,7 +57,8 @@ fn go(
     let options = Options { until, checkpoint: Duration::from_secs_f64(case.output.checkpoint), stop: &stop };
     let clock = Instant::now();
     let mut bar = Bar::new(quiet);
-    let ending = drive(&mut simulation, &mut folder, &options, &mut |view| bar.show(view));
+    // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
+    let ending = rayon::scope(|_| drive(&mut simulation, &mut folder, &options, &mut |view| bar.show(view)));
     bar.finish();
     let shown = folder.path().display().to_string();
     let ending = ending.map_err(|error| {

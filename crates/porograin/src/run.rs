@@ -357,8 +357,8 @@ pub fn run(
 /// The part of a stage that this process computes.
 struct Sitting {
     clock: Instant,
-    first_step: u64,
-    first_time: f64,
+    /// When its first step was done, which may have had a lot to prepare, and how much of the stage was done then.
+    first: Option<(Instant, f64)>,
     /// What earlier sittings booked for this stage.
     before: StageSummary,
 }
@@ -367,8 +367,7 @@ impl Sitting {
     fn new(simulation: &Simulation, folder: &Folder) -> Self {
         Sitting {
             clock: Instant::now(),
-            first_step: simulation.state.step,
-            first_time: simulation.state.time,
+            first: None,
             before: folder.summary.stages.get(simulation.progress.stage).cloned().unwrap_or_default(),
         }
     }
@@ -386,18 +385,17 @@ impl Sitting {
         folder.summary.stages.push(entry);
     }
 
-    fn view<'a>(&self, simulation: &'a Simulation, stage: usize, report: &'a Report) -> View<'a> {
+    fn view<'a>(&mut self, simulation: &'a Simulation, stage: usize, report: &'a Report) -> View<'a> {
         let State { step, time, .. } = simulation.state;
         let (began, until) = (simulation.began, &simulation.stages[stage].until);
-        let part = |step: u64, time: f64| {
-            let by_time = until.time.map(|end| (time - began.time) / end);
-            let by_steps = until.steps.map(|end| (step - began.step) as f64 / end as f64);
-            by_time.into_iter().chain(by_steps).reduce(f64::max).map(|part| part.clamp(0.0, 1.0))
-        };
-        let done = part(step, time).filter(|_| !until.waits());
-        let here = done.zip(part(self.first_step, self.first_time)).map(|(now, first)| now - first);
-        let left = done.zip(here).filter(|&(_, here)| here > 0.0).map(|(done, here)| {
-            Duration::from_secs_f64(self.clock.elapsed().as_secs_f64() * (1.0 - done) / here)
+        let by_time = until.time.map(|end| (time - began.time) / end);
+        let by_steps = until.steps.map(|end| (step - began.step) as f64 / end as f64);
+        let part = by_time.into_iter().chain(by_steps).reduce(f64::max).filter(|_| !until.waits());
+        let part = part.map(|part| part.clamp(0.0, 1.0));
+        let left = part.and_then(|part| {
+            let (since, from) = *self.first.get_or_insert((Instant::now(), part));
+            let seconds = since.elapsed().as_secs_f64() * (1.0 - part) / (part - from);
+            Duration::try_from_secs_f64(seconds).ok()
         });
         View {
             stage,
@@ -406,7 +404,7 @@ impl Sitting {
             step,
             time,
             report,
-            part: done,
+            part,
             left,
         }
     }
@@ -414,7 +412,7 @@ impl Sitting {
 
 /// What is known of the sample and of its consolidation so far, into the summary and the picture.
 fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError> {
-    folder.summary.sample = sample(simulation);
+    folder.summary.sample = sample(simulation, &folder.summary.sample);
     let Some(consolidation) = &simulation.progress.consolidation else { return Ok(()) };
     let Some(comparison) = consolidation.compare() else { return Ok(()) };
     folder.summary.terzaghi = Some(Terzaghi::new(consolidation, &comparison));
@@ -422,14 +420,15 @@ fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError>
     folder.write("consolidation.svg", picture.as_bytes()).map_err(unwritable)
 }
 
-fn sample(simulation: &Simulation) -> Sample {
+/// `before` holds what was known of the pores when there was water.
+fn sample(simulation: &Simulation, before: &Sample) -> Sample {
     let State { grains, contacts, domain, .. } = &simulation.state;
     let census = simulation.work.fluid.mesh().map(|mesh| mesh.census);
     let consolidation = simulation.progress.consolidation.as_ref();
     Sample {
-        pores: census.map(|c| c.pores),
-        throats: census.map(|c| c.throats),
-        merged: census.map(|c| c.merged),
+        pores: census.map(|c| c.pores).or(before.pores),
+        throats: census.map(|c| c.throats).or(before.throats),
+        merged: census.map(|c| c.merged).or(before.merged),
         permeability: consolidation.map(|c| c.permeability),
         oedometric_modulus: consolidation.map(|c| c.modulus),
         grains: grains.len(),

@@ -2,9 +2,10 @@
 
 use super::vtk::{self, Field, PoreMesh, Shape, Values};
 use crate::grains::Loads;
+use crate::pores::Mesh;
 use crate::watch::Snapshot;
 use glam::DVec3;
-use porograin_geometry::throat::Packing;
+use porograin_geometry::Cell;
 use porograin_geometry::triangulation::wall;
 
 /// The grains, in order of their id.
@@ -38,12 +39,15 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     )
 }
 
-/// The pores with their pressure: tetrahedra, and at the walls wedges and boxes; `None` in a dry stage.
+/// The pores with their pressure; `None` in a dry stage.
 pub fn pores(now: &Snapshot) -> Option<PoreMesh> {
     let (mesh, pressure) = now.water()?;
-    let cell = &now.state.domain.cell;
-    let packing = Packing { cell, position: &now.state.grains.position, radius: &now.state.grains.radius };
-    let mut drawn = PoreMesh { points: packing.position.to_vec(), ..PoreMesh::default() };
+    Some(pore_mesh(mesh, &now.state.grains.position, &now.state.domain.cell, pressure))
+}
+
+/// Pores as cells: tetrahedra, and at the walls wedges and boxes. `pressure` has one entry per node of the mesh [Pa].
+pub fn pore_mesh(mesh: &Mesh, position: &[DVec3], cell: &Cell, pressure: &[f64]) -> PoreMesh {
+    let mut drawn = PoreMesh { points: position.to_vec(), ..PoreMesh::default() };
     let onto = |mut x: DVec3, faces: &[usize]| {
         for &face in faces {
             x[face / 2] = cell.wall_position(face);
@@ -54,10 +58,10 @@ pub fn pores(now: &Snapshot) -> Option<PoreMesh> {
         let grains: Vec<u32> = vertices.iter().copied().filter(|&v| wall(v).is_none()).collect();
         let faces: Vec<usize> = vertices.iter().filter_map(|&v| wall(v)).collect();
         let mut corner = |grain: u32, faces: &[usize]| {
-            drawn.points.push(onto(packing.position[grain as usize], faces));
+            drawn.points.push(onto(position[grain as usize], faces));
             drawn.points.len() as u32 - 1
         };
-        let (shape, corners) = match (&grains[..], &faces[..]) {
+        let (shape, mut corners) = match (&grains[..], &faces[..]) {
             ([a, b, c], [f]) => {
                 (Shape::Wedge, vec![*a, *b, *c, corner(*a, &[*f]), corner(*b, &[*f]), corner(*c, &[*f])])
             }
@@ -72,10 +76,73 @@ pub fn pores(now: &Snapshot) -> Option<PoreMesh> {
             }
             _ => (Shape::Tetrahedron, grains),
         };
+        // VTK counts a volume as positive when its first face, seen from the opposite one, turns left.
+        let at = |k: usize| drawn.points[corners[k] as usize];
+        let side = corners.len() / 2;
+        let normal = (at(1) - at(0)).cross(at(side - 1) - at(0));
+        if shape != Shape::Tetrahedron && normal.dot(at(side) - at(0)) < 0.0 {
+            corners.rotate_left(side);
+        }
         drawn.shapes.push(shape);
         drawn.corners.extend(corners);
     }
     let of_pore = |values: &[f64]| mesh.node.iter().map(|&node| values[node as usize]).collect();
     drawn.scalars.push(("pressure [Pa]".into(), of_pore(pressure)));
-    Some(drawn)
+    drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Mesh, Shape, pore_mesh};
+    use crate::boundary::Slip;
+    use crate::pores::{Conductance, Walls};
+    use glam::DVec3;
+    use porograin_geometry::Cell;
+    use porograin_geometry::throat::Packing;
+
+    #[test]
+    fn cells_fill_the_box_and_none_is_inside_out() {
+        // A lattice shaken by a fixed rule, so that no four grains lie in a plane.
+        let (mut position, mut shake) = (Vec::new(), 0.3_f64);
+        for k in 0..27 {
+            let place = DVec3::new((k % 3) as f64, (k / 3 % 3) as f64, (k / 9) as f64) + 0.5;
+            let mut next = || {
+                shake = (shake * 97.0 + 0.137).fract();
+                0.2 * (shake - 0.5)
+            };
+            position.push(place + DVec3::new(next(), next(), next()));
+        }
+        let radius = vec![0.35; position.len()];
+        let cell = Cell::walled(DVec3::ZERO, DVec3::splat(3.0));
+        let packing = Packing { cell: &cell, position: &position, radius: &radius };
+        let walls = Walls { open: [false, false, false, false, true, true], slip: [Slip::Symmetry; 6] };
+        let mesh = Mesh::new(packing, &walls, Conductance::HydraulicRadius, 1.0).unwrap();
+        let drawn = pore_mesh(&mesh, &position, &cell, &vec![0.0; mesh.nodes()]);
+        let mut corners = drawn.corners.iter().map(|&c| drawn.points[c as usize]);
+        let mut sum = 0.0;
+        for shape in &drawn.shapes {
+            let tetrahedron = |[a, b, c, d]: [DVec3; 4]| (b - a).cross(c - a).dot(d - a) / 6.0;
+            let wedge = |[a, b, c, d, e, f]: [DVec3; 6]| {
+                [[a, b, c, d], [b, d, e, c], [c, d, e, f]].map(tetrahedron).map(f64::abs).iter().sum::<f64>()
+            };
+            let mut next = || corners.next().unwrap();
+            let (volume, upright) = match shape {
+                Shape::Tetrahedron => {
+                    let volume = tetrahedron([next(), next(), next(), next()]);
+                    (volume, volume)
+                }
+                Shape::Wedge => {
+                    let c: [DVec3; 6] = std::array::from_fn(|_| next());
+                    (wedge(c), tetrahedron([c[0], c[1], c[2], c[3]]))
+                }
+                Shape::Hexahedron => {
+                    let [a, b, c, d, e, f, g, h] = std::array::from_fn(|_| next());
+                    (wedge([a, b, c, e, f, g]) + wedge([a, c, d, e, g, h]), tetrahedron([a, b, d, e]))
+                }
+            };
+            assert!(upright > 0.0, "a {shape:?} is inside out");
+            sum += volume;
+        }
+        assert!((sum / 27.0 - 1.0).abs() < 1e-12, "{sum}");
+    }
 }

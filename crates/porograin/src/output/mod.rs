@@ -2,7 +2,7 @@
 
 pub mod chart;
 pub mod folder;
-mod frame;
+pub mod frame;
 pub mod report;
 pub mod restart;
 pub mod summary;

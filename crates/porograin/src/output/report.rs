@@ -105,15 +105,14 @@ impl Consolidation {
         svg(&[
             Chart {
                 title: "Excess pressure (dots) and Terzaghi (lines)".into(),
-                x: axis("p / p0", Some([0.0, 1.2]), false),
+                x: axis("p / p0", Some([0.0, 1.5]), false),
                 y: axis("z / H", Some([0.0, 1.0]), false),
                 series: profiles,
             },
             Chart {
                 title: "Settlement".into(),
                 x: axis("time factor Tv", None, true),
-                // Settlement goes down in the ground and up in most charts; theirs is the habit followed here.
-                y: axis("U", Some([0.0, 1.05]), false),
+                y: axis("degree of consolidation U", Some([0.0, 1.05]), false),
                 series: settlement,
             },
         ])
