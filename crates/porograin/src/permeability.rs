@@ -225,7 +225,7 @@ pub fn profile(packing: Packing, mesh: &Mesh, pressure: &[f64], axis: usize) -> 
         }
         let weight = mesh.volume[pore] / (high - low);
         for (k, [p, w]) in sum.iter_mut().enumerate() {
-            let at = from + (to - from) * k as f64 / 12.0;
+            let at = height(k, from, to);
             if low <= at && at <= high {
                 *p += weight * pressure[mesh.node[pore] as usize];
                 *w += weight;
@@ -233,4 +233,20 @@ pub fn profile(packing: Packing, mesh: &Mesh, pressure: &[f64], axis: usize) -> 
         }
     }
     sum.map(|[p, w]| p / w)
+}
+
+/// Height `k` of 13; the last is `to` to the last bit, so that the topmost pores reach it.
+fn height(k: usize, from: f64, to: f64) -> f64 {
+    let part = k as f64 / 12.0;
+    from * (1.0 - part) + to * part
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_ends_of_a_profile_are_the_faces() {
+        for to in [0.006, 0.1, 0.7, 1.1] {
+            assert_eq!([super::height(0, -0.3, to), super::height(12, -0.3, to)], [-0.3, to]);
+        }
+    }
 }
