@@ -1,7 +1,11 @@
-//! Supernodal Cholesky factorisation (`faer`) in our own elimination order.
+//! Supernodal Cholesky factorisation (`faer`, double precision) in our own elimination order, applied in single
+//! precision.
 
 use crate::order::{landmarks, nested_dissection};
+use crate::packed::Packed;
+use crate::vector::power_below;
 use crate::{Error, Matrix, Preconditioner};
+use faer::Par;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltError;
 use faer::sparse::linalg::cholesky::simplicial::{
@@ -13,7 +17,6 @@ use faer::sparse::linalg::cholesky::supernodal::{
     factorize_supernodal_symbolic_cholesky_scratch,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Conj, MatMut, Par};
 use glam::DVec3;
 
 /// `P A Pᵀ = L Lᵀ`.
@@ -25,21 +28,27 @@ pub struct Cholesky {
     rows: Vec<u32>,
     values: Vec<f64>,
     symbolic: SymbolicSupernodalCholesky<u32>,
+    /// Empty between factorisations: the solves only need the rearranged copy.
     factor: Vec<f64>,
+    packed: Packed,
     scratch: MemBuffer,
-    /// The permuted vector under way.
-    x: Vec<f64>,
+    /// The matrix was multiplied by this, to stay within the range of single precision.
+    scale: f64,
 }
 
 impl Cholesky {
     /// Orders, analyses and factors.
     pub fn new(matrix: &Matrix, positions: Option<&[DVec3]>) -> Result<Cholesky, Error> {
-        let n = matrix.nodes();
         let order = match positions {
             Some(positions) => nested_dissection(matrix, positions),
             None => nested_dissection(matrix, &landmarks(matrix)),
         };
-        let order = postorder(matrix, order);
+        Cholesky::with_order(matrix, postorder(matrix, order))
+    }
+
+    /// Analyses and factors in a given order.
+    pub fn with_order(matrix: &Matrix, order: Vec<u32>) -> Result<Cholesky, Error> {
+        let n = matrix.nodes();
         let (starts, rows) = permuted_pattern(matrix, &order);
         // SAFETY: the pattern comes from a valid one by a permutation, so every row is below n and no entry repeats.
         let pattern = unsafe { SymbolicSparseColMatRef::new_unchecked(n, n, &starts, None, &rows) };
@@ -59,20 +68,18 @@ impl Cholesky {
         )
         .map_err(|_| Error::Memory)?;
         let requirement =
-            factorize_supernodal_numeric_llt_scratch::<u32, f64>(&symbolic, Par::Seq, Default::default())
-                .or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));
-        let mut factor = Vec::new();
-        factor.try_reserve_exact(symbolic.len_val()).map_err(|_| Error::Memory)?;
-        factor.resize(symbolic.len_val(), 0.0);
+            factorize_supernodal_numeric_llt_scratch::<u32, f64>(&symbolic, Par::Seq, Default::default());
+        let packed = Packed::new(&symbolic);
         let mut cholesky = Cholesky {
             order,
             values: vec![0.0; rows.len()],
             starts,
             rows,
             symbolic,
-            factor,
+            packed,
+            factor: Vec::new(),
             scratch: MemBuffer::try_new(requirement).map_err(|_| Error::Memory)?,
-            x: vec![0.0; n],
+            scale: 1.0,
         };
         cholesky.refresh(matrix)?;
         Ok(cholesky)
@@ -81,12 +88,18 @@ impl Cholesky {
     /// Factors new values on the same pattern.
     pub fn refresh(&mut self, matrix: &Matrix) -> Result<(), Error> {
         let n = matrix.nodes();
+        self.scale = n as f64 / matrix.diagonal().iter().sum::<f64>();
         for (c, &i) in self.order.iter().enumerate() {
             let column = &mut self.values[self.starts[c] as usize..self.starts[c + 1] as usize];
-            column[0] = matrix.diagonal()[i as usize];
-            column[1..].copy_from_slice(matrix.row(i as usize).1);
+            column[0] = self.scale * matrix.diagonal()[i as usize];
+            for (to, from) in column[1..].iter_mut().zip(matrix.row(i as usize).1) {
+                *to = self.scale * from;
+            }
         }
-        // SAFETY: as in `new`.
+        let entries = self.symbolic.len_val();
+        self.factor.try_reserve_exact(entries).map_err(|_| Error::Memory)?;
+        self.factor.resize(entries, 0.0);
+        // SAFETY: as in `with_order`.
         let pattern = unsafe { SymbolicSparseColMatRef::new_unchecked(n, n, &self.starts, None, &self.rows) };
         factorize_supernodal_numeric_llt(
             &mut self.factor,
@@ -100,34 +113,35 @@ impl Cholesky {
         .map_err(|LltError::NonPositivePivot { index }| Error::NotPositive {
             node: self.order.get(index).copied(),
         })?;
+        self.packed.refresh(SupernodalLltRef::new(&self.symbolic, &self.factor));
+        self.factor = Vec::new();
         Ok(())
     }
 
     /// Entries of the factor.
     pub fn entries(&self) -> usize {
-        self.factor.len()
+        self.symbolic.len_val()
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        8 * self.factor.len() + 12 * self.rows.len() + 16 * self.x.len() + 4 * self.symbolic.row_idx().len()
+        self.packed.bytes() + 12 * self.rows.len() + 8 * self.order.len() + 4 * self.symbolic.row_idx().len()
     }
 }
 
 impl Preconditioner for Cholesky {
     fn apply(&mut self, r: &[f64], z: &mut [f64]) {
-        let n = r.len();
-        for (x, &i) in self.x.iter_mut().zip(&self.order) {
-            *x = r[i as usize];
+        let Some(down) = power_below(r) else {
+            z.copy_from_slice(r);
+            return;
+        };
+        for (x, &i) in self.packed.x().iter_mut().zip(&self.order) {
+            *x = (r[i as usize] * down) as f32;
         }
-        SupernodalLltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
-            Conj::No,
-            MatMut::from_column_major_slice_mut(&mut self.x, n, 1),
-            Par::Seq,
-            MemStack::new(&mut self.scratch),
-        );
-        for (x, &i) in self.x.iter().zip(&self.order) {
-            z[i as usize] = *x;
+        self.packed.solve();
+        let up = self.scale / down;
+        for (x, &i) in self.packed.x().iter().zip(&self.order) {
+            z[i as usize] = f64::from(*x) * up;
         }
     }
 }
@@ -156,7 +170,7 @@ fn inverse(order: &[u32]) -> Vec<u32> {
 
 /// The same fill in an order that visits each subtree of the elimination tree in one piece, so that columns of
 /// equal pattern become neighbours (Liu 1990).
-fn postorder(matrix: &Matrix, order: Vec<u32>) -> Vec<u32> {
+pub fn postorder(matrix: &Matrix, order: Vec<u32>) -> Vec<u32> {
     const NONE: u32 = u32::MAX;
     let n = order.len();
     let place = inverse(&order);

@@ -17,12 +17,15 @@
 //! # Ok::<(), porograin_linear::Error>(())
 //! ```
 
+mod aggregate;
 mod cholesky;
 mod conjugate_gradients;
 mod error;
+mod gauss_seidel;
 mod matrix;
+mod multigrid;
 mod order;
-mod smoothers;
+mod packed;
 mod solver;
 mod vector;
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 /// Entries per chunk.
 pub const CHUNK: usize = 4096;
 /// Shorter vectors stay on the calling thread: handing out the work would cost more than the work.
-const ALONE: usize = 1 << 16;
+pub const ALONE: usize = 1 << 16;
 
 /// `y[i] = f(i)`.
 pub fn rows(y: &mut [f64], f: impl Fn(usize) -> f64 + Sync) {
@@ -119,6 +119,34 @@ pub fn direction(beta: f64, z: &[f64], p: &mut [f64]) {
     } else {
         p.par_chunks_mut(CHUNK).zip(z.par_chunks(CHUNK)).for_each(step);
     }
+}
+
+/// The power of two that brings the largest entry between one and two, for a copy in single precision, which has few
+/// exponents; nothing if all entries are zero or one is infinite.
+pub fn power_below(r: &[f64]) -> Option<f64> {
+    let largest = r.iter().fold(0.0f64, |m, r| m.max(r.abs()));
+    (largest > 0.0 && largest.is_finite()).then(|| largest.log2().floor().exp2().recip())
+}
+
+/// Calls `f(first, part)` on the parts of `y`, `length` entries each (the last one shorter), and adds up what it
+/// returns.
+pub fn fill<T: Send>(
+    y: &mut [T],
+    length: usize,
+    sums: &mut Vec<[f64; 3]>,
+    f: impl Fn(usize, &mut [T]) -> [f64; 3] + Sync,
+) -> [f64; 3] {
+    if y.len() <= length {
+        return f(0, y);
+    }
+    sums.resize(y.len().div_ceil(length), [0.0; 3]);
+    let part = |(k, (s, y)): (usize, (&mut [f64; 3], &mut [T]))| *s = f(k * length, y);
+    if y.len() < ALONE {
+        sums.iter_mut().zip(y.chunks_mut(length)).enumerate().for_each(part);
+    } else {
+        sums.par_iter_mut().zip(y.par_chunks_mut(length)).enumerate().for_each(part);
+    }
+    sums.iter().fold([0.0; 3], |t, s| std::array::from_fn(|k| t[k] + s[k]))
 }
 
 #[cfg(test)]

@@ -159,7 +159,9 @@ fn preconditioners_are_symmetric_and_positive() {
     let net = network(4000, 6);
     let a = matrix(&net);
     let n = a.nodes();
-    for method in [Method::Cholesky, Method::ConjugateGradients] {
+    // The factor is symmetric up to single precision. The K-cycle chooses its steps by the vector it is given, so it
+    // is only nearly so: a sweep without its mirror image would show as tens of percent.
+    for (method, bound) in [(Method::Cholesky, 1e-5), (Method::ConjugateGradients, 0.02)] {
         let mut solver =
             Solver::new(&a, &Params { method, ..Params::default() }, Some(&net.positions)).unwrap();
         let (u, v) = (noise(n, 1), noise(n, 2));
@@ -169,7 +171,8 @@ fn preconditioners_are_symmetric_and_positive() {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let size = (dot(&u, &mu) * dot(&v, &mv)).sqrt();
         assert!(dot(&u, &mu) > 0.0 && dot(&v, &mv) > 0.0);
-        assert!((dot(&v, &mu) - dot(&u, &mv)).abs() < 1e-4 * size, "{method:?}");
+        let skew = (dot(&v, &mu) - dot(&u, &mv)).abs() / size;
+        assert!(skew < bound, "{method:?}: {skew}");
     }
 }
 

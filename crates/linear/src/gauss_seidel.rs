@@ -1,27 +1,7 @@
-//! The plainest preconditioner and the thesis' baseline.
+//! The thesis' baseline.
 
 use crate::conjugate_gradients::check_input;
-use crate::{Error, Info, Matrix, Params, Preconditioner};
-
-/// Division by the diagonal.
-pub struct Jacobi {
-    inverse: Vec<f64>,
-}
-
-impl Jacobi {
-    /// Of the diagonal of `matrix`, all positive.
-    pub fn new(matrix: &Matrix) -> Jacobi {
-        Jacobi { inverse: matrix.diagonal().iter().map(|d| 1.0 / d).collect() }
-    }
-}
-
-impl Preconditioner for Jacobi {
-    fn apply(&mut self, r: &[f64], z: &mut [f64]) {
-        for ((z, r), d) in z.iter_mut().zip(r).zip(&self.inverse) {
-            *z = r * d;
-        }
-    }
-}
+use crate::{Error, Info, Matrix, Params};
 
 /// Successive over-relaxation in the order of the nodes until `‖b - A x‖ ≤ tolerance max(‖b‖, floor)`, the
 /// residual looked at every tenth sweep.
