@@ -1,5 +1,6 @@
 //! Fluid-saturated granular media, grain by grain and pore by pore.
 
+pub mod bench;
 pub mod boundary;
 pub mod case;
 pub mod consolidation;
@@ -12,6 +13,7 @@ pub mod measure;
 pub mod model;
 pub mod motion;
 pub mod output;
+pub mod packing;
 pub mod permeability;
 pub mod pores;
 pub mod progress;

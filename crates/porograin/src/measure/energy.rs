@@ -1,0 +1,37 @@
+//! Energies, and how far from rest.
+
+use super::contact_forces;
+use crate::contact::Surroundings;
+use crate::grains::{Grains, Loads};
+use crate::model::Model;
+use crate::state::State;
+
+/// Kinetic energy of the grains, spins included [J].
+pub fn kinetic_energy(grains: &Grains) -> f64 {
+    let of = |k: usize| {
+        grains.mass[k] * grains.velocity[k].length_squared()
+            + grains.inertia(k) * grains.spin[k].length_squared()
+    };
+    0.5 * (0..grains.len()).map(of).sum::<f64>()
+}
+
+/// Energy stored in the contacts [J].
+pub fn elastic_energy(state: &State, model: &Model) -> f64 {
+    let law = model.contact.as_law();
+    let around = Surroundings::new(&state.grains, &state.domain, &model.faces, law.friction());
+    let contacts = state.contacts.pairs.iter().zip(&state.contacts.shear);
+    contacts
+        .map(|(&pair, &shear)| (around.touch(pair), shear))
+        .filter(|(touch, _)| touch.overlap > 0.0)
+        .map(|(touch, shear)| law.energy(&touch, shear))
+        .sum()
+}
+
+/// Mean resultant on a grain over mean contact force (Catalano 2.16); `loads` are those of the last step.
+/// Zero contacts give infinity, or zero when nothing acts at all.
+pub fn unbalanced(state: &State, model: &Model, loads: &Loads) -> f64 {
+    let resultant = loads.force.iter().map(|f| f.length()).sum::<f64>() / loads.force.len().max(1) as f64;
+    let (count, sum) =
+        contact_forces(state, model).fold((0, 0.0), |(n, s), (_, _, f)| (n + 1, s + f.length()));
+    if resultant == 0.0 { 0.0 } else { resultant / (sum / f64::from(count)) }
+}

@@ -1,0 +1,64 @@
+//! Porosity, contacts per grain, settlement.
+
+use crate::boundary::Domain;
+use crate::state::State;
+use porograin_geometry::triangulation::wall;
+
+/// Void part of the box [-]; overlaps count twice as solid.
+pub fn porosity(state: &State) -> f64 {
+    1.0 - state.grains.volume() / state.domain.cell.volume()
+}
+
+/// Mean number of contacts per grain, those with walls included [-].
+pub fn coordination(state: &State) -> f64 {
+    let ends: usize =
+        state.contacts.pairs.iter().map(|pair| if wall(pair[1]).is_some() { 1 } else { 2 }).sum();
+    ends as f64 / state.grains.len().max(1) as f64
+}
+
+/// Number of grains that carry nothing: fewer than three contacts with grains that are not rattlers themselves, or
+/// walls.
+pub fn rattlers(state: &State) -> usize {
+    let n = state.grains.len();
+    let mut holds = vec![0_u32; n];
+    let mut partners = vec![Vec::new(); n];
+    for &[i, j] in &state.contacts.pairs {
+        holds[i as usize] += 1;
+        if wall(j).is_none() {
+            holds[j as usize] += 1;
+            partners[i as usize].push(j);
+            partners[j as usize].push(i);
+        }
+    }
+    let mut loose: Vec<usize> = (0..n).filter(|&k| holds[k] < 3).collect();
+    let mut is_loose: Vec<bool> = holds.iter().map(|&h| h < 3).collect();
+    let mut next = 0;
+    while next < loose.len() {
+        for &other in &partners[loose[next]] {
+            let other = other as usize;
+            holds[other] -= 1;
+            if holds[other] < 3 && !is_loose[other] {
+                is_loose[other] = true;
+                loose.push(other);
+            }
+        }
+        next += 1;
+    }
+    loose.len()
+}
+
+/// How far a face has moved inwards from where it was in `before` [m].
+pub fn settlement(before: &Domain, now: &Domain, face: usize) -> f64 {
+    let moved = now.cell.wall_position(face) - before.cell.wall_position(face);
+    if face % 2 == 0 { moved } else { -moved }
+}
+
+/// Oedometric modulus [Pa] from two states at rest, along the axis of `face`: the change of its normal stress over
+/// the strain between them, both positive in compression.
+pub fn oedometric_modulus(before: &Domain, now: &Domain, face: usize) -> f64 {
+    let axis = face / 2;
+    let length = |domain: &Domain| (domain.cell.upper() - domain.cell.origin)[axis];
+    let strain = 1.0 - length(now) / length(before);
+    let stress = |domain: &Domain| super::wall_stress(domain)[face];
+    (stress(now) - stress(before)) / strain
+}

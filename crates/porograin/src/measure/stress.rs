@@ -1,0 +1,51 @@
+//! Stress of the sample and of each grain, positive in compression.
+
+use super::contact_forces;
+use crate::boundary::Domain;
+use crate::grains::sphere_volume;
+use crate::model::Model;
+use crate::state::State;
+use glam::{DMat3, DVec3};
+use porograin_geometry::cell::NORMALS;
+use porograin_geometry::triangulation::wall;
+
+/// Stress of the sample [Pa] from its contacts, `1/V sum F ⊗ branch` (Catalano 2.18 summed): F the force on the
+/// second, the branch from centre to centre, or from the centre to the contact point at a wall. Row: direction of the
+/// force.
+pub fn contact_stress(state: &State, model: &Model) -> DMat3 {
+    let sum: DMat3 = contact_forces(state, model)
+        .map(|([_, second], touch, force)| {
+            let [near, far] = touch.levers();
+            let branch = if wall(second).is_some() { near } else { near + far };
+            outer(-force, branch * touch.normal)
+        })
+        .sum();
+    sum * state.domain.cell.volume().recip()
+}
+
+/// Normal stress on each face [Pa] from the forces of the last step, grains and water together.
+pub fn wall_stress(domain: &Domain) -> [f64; 6] {
+    std::array::from_fn(|face| domain.wall_force[face].dot(NORMALS[face]) / domain.area(face))
+}
+
+/// Stress of each grain [Pa], `1/V_k sum (x_c - x_k) ⊗ F_c` over its contacts (Catalano 2.18), V_k its own volume.
+pub fn grain_stress(state: &State, model: &Model) -> Vec<DMat3> {
+    let mut stress = vec![DMat3::ZERO; state.grains.len()];
+    for ([first, second], touch, force) in contact_forces(state, model) {
+        let [near, far] = touch.levers();
+        // Contact points lie along the normal; what presses inwards counts positive.
+        stress[first as usize] -= outer(force, near * touch.normal);
+        if wall(second).is_none() {
+            stress[second as usize] -= outer(force, far * touch.normal);
+        }
+    }
+    for (stress, &radius) in stress.iter_mut().zip(&state.grains.radius) {
+        *stress = *stress * sphere_volume(radius).recip();
+    }
+    stress
+}
+
+/// `a ⊗ b`, row along `a`.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
