@@ -3,12 +3,13 @@
 use crate::arguments::{self, Axis, Bench, Corners, Permeability, Sides, What};
 use crate::{Failure, Outcome, threads};
 use glam::DVec3;
-use porograin::Slip;
+use porograin::bench;
 use porograin::import::{self, Spheres};
 use porograin::output::frame::pore_mesh;
 use porograin::output::vtk::{self, Field, Values};
 use porograin::permeability::{Outcome as Flow, Problem, measure};
 use porograin::pores::{Conductance, Solver};
+use porograin::{Domain, Slip};
 use porograin_geometry::Cell;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -42,8 +43,25 @@ pub fn bench(arguments: &Bench) -> Outcome {
     let (cell, spheres) = packing(&arguments.grains, arguments.packing.corners)?;
     match arguments.what {
         What::Permeability => time_permeability(arguments, &cell, &spheres),
-        What::Dry | What::Coupled => Err(Failure::Run("this bench is not there yet".into())),
+        What::Dry => time_dry(arguments, &cell, spheres),
+        What::Coupled => Err(Failure::Run("this bench is not there yet".into())),
     }
+}
+
+/// Holds the packing and times the dry step.
+fn time_dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
+    let domain = Domain::walled(cell.origin, cell.upper());
+    let steps = arguments.steps.unwrap_or(2000) as usize;
+    let cost = bench::dry(spheres.position, spheres.radius, domain, steps)
+        .map_err(|e| Failure::Run(e.to_string()))?;
+    eprintln!(
+        "{:.1} ns per contact and step, {:.3e} s per step, {} grains, {} contacts",
+        cost.ns_per_contact_step, cost.seconds_per_step, cost.grains, cost.contacts
+    );
+    for (phase, share) in &cost.phases {
+        eprintln!("  {phase:12} {:5.1} %", 100.0 * share);
+    }
+    serde_json::to_value(&cost).map(Some).map_err(|e| Failure::Run(e.to_string()))
 }
 
 /// Measures a few times and keeps the fastest of each part.

@@ -7,7 +7,7 @@ use porograin::contact::{Contacts, Law};
 use porograin::{Domain, Face, Signal, Solid, State, Work, bench, measure, packing, step};
 use std::fmt::Write as _;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let mut arguments = std::env::args().skip(1);
     let count: usize = arguments.next().ok_or("usage: dense_packing COUNT FILE.csv")?.parse()?;
     let file = arguments.next().ok_or("usage: dense_packing COUNT FILE.csv")?;
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// A cloud pressed by three pistons at 5 kPa with 5° of friction until the unbalanced force is below 1e-3, grains of
 /// 2.5 mm mean radius or so whatever their number.
-fn dense(count: usize) -> Result<State, Box<dyn std::error::Error>> {
+fn dense(count: usize) -> Result<State, Box<dyn std::error::Error + Send + Sync>> {
     let size = 0.1 * (count as f64 / 5000.0).cbrt();
     let domain = Domain::walled(DVec3::ZERO, DVec3::splat(size));
     let mut grains = packing::cloud(&domain.cell, count, 0.2, 7, 0.75, bench::DENSITY)?;

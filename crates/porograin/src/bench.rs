@@ -56,6 +56,16 @@ pub fn dry(
     domain: Domain,
     steps: usize,
 ) -> Result<DryBench, StepError> {
+    // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
+    rayon::scope(|_| timed(position, radius, domain, steps))
+}
+
+fn timed(
+    position: Vec<DVec3>,
+    radius: Vec<f64>,
+    domain: Domain,
+    steps: usize,
+) -> Result<DryBench, StepError> {
     let grains = crate::packing::ordered(&domain.cell, Grains::at_rest(position, radius, DENSITY));
     let (model, mut work) = (dry_model(), Work::default());
     let contacts = Contacts::default();

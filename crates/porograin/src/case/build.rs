@@ -6,8 +6,10 @@ use crate::contact::{Contacts, Law};
 use crate::grains::Grains;
 use crate::import;
 use crate::model::Model;
+use crate::packing;
 use crate::state::State;
 use glam::DVec3;
+use porograin_geometry::Cell;
 
 /// Local damping of a dry stage when the case does not say (Catalano 2.15).
 const DRY_DAMPING: f64 = 0.2;
@@ -81,7 +83,7 @@ impl Case {
     /// A grain file that cannot be read, grains outside the box, too big for it or deep inside each other.
     pub fn plan(&self) -> Result<Plan, CaseError> {
         let (lower, upper) = self.corners();
-        let grains = self.make_grains()?;
+        let grains = packing::ordered(&Cell::walled(lower, upper), self.make_grains()?);
         let state = State {
             time: 0.0,
             step: 0,
@@ -123,8 +125,11 @@ impl Case {
         }
     }
 
-    fn make_cloud(&self, _cloud: &Cloud) -> Result<Grains, CaseError> {
-        Err(self.source.fault("grains.packing.cloud", "clouds are not made yet"))
+    fn make_cloud(&self, cloud: &Cloud) -> Result<Grains, CaseError> {
+        let (lower, upper) = self.corners();
+        let cell = Cell::walled(lower, upper);
+        packing::cloud(&cell, cloud.count, cloud.spread, cloud.seed, cloud.porosity, self.grains.density)
+            .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
     }
 }
 

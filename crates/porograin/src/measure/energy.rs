@@ -27,11 +27,12 @@ pub fn elastic_energy(state: &State, model: &Model) -> f64 {
         .sum()
 }
 
-/// Mean resultant on a grain over mean contact force (Catalano 2.16); `loads` are those of the last step.
-/// Zero contacts give infinity, or zero when nothing acts at all.
+/// Mean resultant on a grain over mean contact force (Catalano 2.16): how far the packing is from equilibrium [-].
+///
+/// `loads` are those of the last step. Without any contact the value is 1: nothing balances anything.
 pub fn unbalanced(state: &State, model: &Model, loads: &Loads) -> f64 {
     let resultant = loads.force.iter().map(|f| f.length()).sum::<f64>() / loads.force.len().max(1) as f64;
     let (count, sum) =
         contact_forces(state, model).fold((0, 0.0), |(n, s), (_, _, f)| (n + 1, s + f.length()));
-    if resultant == 0.0 { 0.0 } else { resultant / (sum / f64::from(count)) }
+    if sum > 0.0 { resultant / (sum / f64::from(count)) } else { 1.0 }
 }

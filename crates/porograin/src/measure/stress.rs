@@ -40,7 +40,7 @@ pub fn grain_stress(state: &State, model: &Model) -> Vec<DMat3> {
         }
     }
     for (stress, &radius) in stress.iter_mut().zip(&state.grains.radius) {
-        *stress = *stress * sphere_volume(radius).recip();
+        *stress *= sphere_volume(radius).recip();
     }
     stress
 }
