@@ -430,7 +430,7 @@ fn sample(simulation: &Simulation, before: &Sample) -> Sample {
         throats: census.map(|c| c.throats).or(before.throats),
         merged: census.map(|c| c.merged).or(before.merged),
         permeability: consolidation.map(|c| c.permeability),
-        oedometric_modulus: consolidation.map(|c| c.modulus),
+        oedometric_modulus: consolidation.map(|c| c.box_modulus()),
         grains: grains.len(),
         contacts: contacts.len(),
         porosity: 1.0 - grains.volume() / domain.cell.volume(),

@@ -72,7 +72,7 @@ pub struct Terzaghi {
     pub max_error: f64,
     /// Largest error of the settlement for `T_v > 0.05`, as part of that of the dry test.
     pub max_settlement_error: f64,
-    /// `max_error` had the drainage path been taken from the box.
+    /// `max_error` had path and modulus been those of the box, walls and held pores included.
     pub max_error_box_path: f64,
     /// Largest pressure at mid-height for `T_v < 0.01`, as part of the load; theory: 1.
     pub first_pressure: f64,
@@ -84,6 +84,10 @@ pub struct Terzaghi {
     pub path: f64,
     /// Drainage path of the box [m].
     pub box_path: f64,
+    /// Oedometric modulus of the bulk, away from the walls [Pa].
+    pub modulus: f64,
+    /// Part of the settlement that comes at once, that of the drained layers at the walls.
+    pub immediate_settlement: f64,
     /// The curves, measured and in theory.
     pub curves: Vec<Point>,
 }
@@ -100,6 +104,8 @@ impl Terzaghi {
             coefficient: consolidation.coefficient(),
             path: consolidation.path(),
             box_path: consolidation.box_path(),
+            modulus: consolidation.modulus,
+            immediate_settlement: consolidation.immediate(),
             curves: comparison.points.clone(),
         }
     }
