@@ -21,3 +21,8 @@ pub mod voronoi;
 pub use cell::Cell;
 pub use neighbours::Neighbours;
 pub use triangulation::{Repair, Triangulation, TriangulationError};
+
+/// The example of the README, run as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -10,7 +10,7 @@ const BITS: i32 = 50;
 /// ... and less with periods, so that all images the triangulation looks at stay below `2^52`.
 const PERIODIC_BITS: i32 = 48;
 /// Largest radius in grid steps: its square must leave room in the 128-bit rows of the exact stage.
-const LARGEST_RADIUS: f64 = (1u64 << 58) as f64;
+const LARGEST_RADIUS: f64 = (1u64 << 60) as f64;
 
 /// The map from metres to grid steps, a translation and a scaling by a power of two.
 ///

@@ -46,7 +46,8 @@ pub(super) fn triangulate(
     // Spheres of a well-spread subset have a radius of about 1.4 distances.
     let mut first = (n as f64 * (1.4 * FIT * spacing / height).powi(3)).max(4.0);
     loop {
-        let whole = first > 0.7 * n as f64;
+        // A subset without a grain as large as the period would be asked for images out to its radius.
+        let whole = first > 0.7 * n as f64 || FIT * space.largest.sqrt() > height;
         let (order, length) = order::rounds(n, if whole { n } else { first as usize });
         let (subset, rest) = order.split_at(if whole { n } else { length });
         let period =
