@@ -75,7 +75,10 @@ fn the_list_names_every_choice_a_case_may_make() {
         let (_, allowed) = stderr.split_once("allowed here: ").unwrap_or_else(|| panic!("{set}: {stderr}"));
         for word in allowed.trim().split(", ") {
             let key_of_stage = set.starts_with("stage");
-            assert!(key_of_stage || listed.contains(&format!("  {word} ")), "`{word}` of {set} is not listed");
+            assert!(
+                key_of_stage || listed.contains(&format!("  {word} ")),
+                "`{word}` of {set} is not listed"
+            );
             assert!(!documented || reference.contains(word), "`{word}` of {set} is not in docs/case.md");
         }
     }

@@ -37,11 +37,47 @@ vtk = { seconds = 0.05 }
 checkpoint = 0.01
 "#;
 
+/// The same with water: compacted, filled, loaded, compared with theory, the mesh renewed on the way.
+const WET: &str = r#"
+title = "A small saturated sample"
+[domain]
+size = [0.01, 0.01, 0.01]
+[grains]
+packing = { cloud = { count = 120, spread = 0.2, seed = 3 } }
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 20.0
+[fluid]
+viscosity = 2.0
+flow = { pores = { remesh = { strain = 0.002 } } }
+[[stage]]
+name = "confine"
+fluid = false
+friction = 2.0
+face.all.solid.servo.stress = 2e3
+until = { unbalanced = 1e-2, stress-error = 0.02, max-steps = 100000 }
+[[stage]]
+name = "load"
+consolidation = true
+face.top = { solid = { servo = { stress = 4e3 } }, water = { pressure = 0.0 } }
+face.bottom.water.pressure = 0.0
+until = { steps = 1500 }
+[[watch]]
+measures = ["settlement", "pressure-profile", "pressure", "outflow", "face-stress", "stress", "unbalanced"]
+every = { steps = 20 }
+[output]
+vtk = { steps = 500 }
+checkpoint = 0.01
+"#;
+
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("run").join(name);
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("tiny.toml"), CASE).unwrap();
+    fs::write(folder.join("wet.toml"), WET).unwrap();
     folder
 }
 
@@ -85,31 +121,51 @@ fn same(a: &Path, b: &Path) {
     }
 }
 
-#[test]
-fn killed_anywhere_and_resumed_gives_the_same_bytes() {
-    let folder = folder("killed");
-    finish(&folder, &["run", "tiny.toml", "--out", "whole", "--quiet"]);
+/// Runs `case` whole, and again killed at many moments and resumed, with the threads changing from sitting to sitting.
+fn killed_and_resumed(name: &str, case: &str, longest: u64) -> PathBuf {
+    let folder = folder(name);
+    finish(&folder, &["run", case, "--out", "whole", "--quiet", "--threads", "1"]);
+    let broken = folder.join("broken");
     let mut pause = 1u64;
-    let mut kill_soon = |mut child: Child, broken: &Path| {
+    let mut kill_soon = |arguments: &[&str]| {
+        let mut child = start(&folder, arguments);
         while !broken.join("checkpoint").exists() && child.try_wait().unwrap().is_none() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        // A fixed list of pauses of 0 to 60 ms, as good as random for where in the run they fall.
-        pause = pause * 37 % 61;
+        // A fixed list of pauses, as good as random for where in the run they fall.
+        pause = pause * 37 % (longest + 1);
         std::thread::sleep(Duration::from_millis(pause));
         let running = child.try_wait().unwrap().is_none();
         child.kill().unwrap();
         child.wait().unwrap();
-        running
+        usize::from(running)
     };
-    let broken = folder.join("broken");
-    let mut kills = usize::from(kill_soon(start(&folder, &["run", "tiny.toml", "--out", "broken"]), &broken));
-    for _ in 0..8 {
-        kills += usize::from(kill_soon(start(&folder, &["resume", "broken", "--quiet"]), &broken));
+    let mut kills = kill_soon(&["run", case, "--out", "broken", "--quiet"]);
+    for threads in ["1", "2", "1", "2", "1", "2", "1", "2"] {
+        kills += kill_soon(&["resume", "broken", "--quiet", "--threads", threads]);
     }
     assert!(kills >= 2, "the runs were over before they could be killed");
     finish(&folder, &["resume", "broken"]);
     same(&folder.join("whole"), &broken);
+    folder
+}
+
+#[test]
+fn killed_anywhere_and_resumed_gives_the_same_bytes() {
+    killed_and_resumed("killed", "tiny.toml", 60);
+}
+
+#[test]
+fn killed_with_water_and_resumed_gives_the_same_bytes_and_the_same_picture() {
+    let folder = killed_and_resumed("killed-wet", "wet.toml", 400);
+    let picture = |run: &str| fs::read(folder.join(run).join("consolidation.svg")).unwrap();
+    assert!(picture("whole") == picture("broken"));
+    let summary = fs::read_to_string(folder.join("broken/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    for key in ["pores", "throats", "permeability", "oedometric_modulus"] {
+        assert!(summary["sample"][key].as_f64().unwrap() > 0.0, "{key}");
+    }
+    assert!(summary["terzaghi"]["max_error"].is_number());
 }
 
 #[test]

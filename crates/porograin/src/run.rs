@@ -11,7 +11,7 @@ use crate::output::summary::{Sample, StageSummary, Terzaghi};
 use crate::progress::{Began, Done, Progress};
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
-use crate::watch::{Snapshot, face_stress};
+use crate::watch::Snapshot;
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -226,11 +226,12 @@ impl Simulation {
     /// The largest relative distance of a servo wall from its stress, and that wall.
     fn stress_error(&self) -> (f64, usize) {
         let t = self.state.time - self.model.stage_start;
+        let stresses = measure::wall_stress(&self.state.domain);
         let mut worst = (0.0, 0);
         for (k, face) in self.model.faces.iter().enumerate() {
             if let Solid::Servo { stress, .. } = &face.solid {
                 let asked = stress.at(t);
-                let error = (face_stress(&self.state, k) - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
+                let error = (stresses[k] - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
                 if error > worst.0 {
                     worst = (error, k);
                 }
@@ -422,7 +423,7 @@ fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError>
 
 /// `before` holds what was known of the pores when there was water.
 fn sample(simulation: &Simulation, before: &Sample) -> Sample {
-    let State { grains, contacts, domain, .. } = &simulation.state;
+    let State { grains, contacts, .. } = &simulation.state;
     let census = simulation.work.fluid.mesh().map(|mesh| mesh.census);
     let consolidation = simulation.progress.consolidation.as_ref();
     Sample {
@@ -433,7 +434,7 @@ fn sample(simulation: &Simulation, before: &Sample) -> Sample {
         oedometric_modulus: consolidation.map(|c| c.box_modulus()),
         grains: grains.len(),
         contacts: contacts.len(),
-        porosity: 1.0 - grains.volume() / domain.cell.volume(),
+        porosity: measure::porosity(&simulation.state),
     }
 }
 

@@ -8,7 +8,6 @@ use crate::pores::Mesh;
 use crate::progress::Began;
 use crate::state::State;
 use crate::step::Report;
-use porograin_geometry::cell::NORMALS;
 use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
 
@@ -57,7 +56,9 @@ pub enum Measure {
     Unbalanced,
     /// Normal stress on each face, grains and water together.
     FaceStress,
-    /// Number of contacts, and per grain.
+    /// Mean stress carried by the contacts.
+    Stress,
+    /// Number of contacts, mean number per grain, grains that carry nothing.
     Contacts,
     /// Kinetic energy of the grains.
     KineticEnergy,
@@ -78,12 +79,13 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 12] = [
+    pub const ALL: [Measure; 13] = [
         Measure::Porosity,
         Measure::Size,
         Measure::Settlement,
         Measure::Unbalanced,
         Measure::FaceStress,
+        Measure::Stress,
         Measure::Contacts,
         Measure::KineticEnergy,
         Measure::Speed,
@@ -116,7 +118,8 @@ impl Measure {
             Measure::FaceStress => {
                 "normal stress on each face, grains and water together, compression positive"
             }
-            Measure::Contacts => "number of contacts and mean number per grain",
+            Measure::Stress => "mean stress carried by the contacts along x, y, z, compression positive",
+            Measure::Contacts => "number of contacts, mean number per grain, grains that carry nothing",
             Measure::KineticEnergy => "kinetic energy of the grains, turning included",
             Measure::Speed => "largest speed of a grain",
             Measure::TimeStep => "length of the step",
@@ -143,7 +146,8 @@ impl Measure {
             Measure::Settlement => list(&["settlement [m]"]),
             Measure::Unbalanced => list(&["unbalanced [-]"]),
             Measure::FaceStress => faces("stress", "Pa"),
-            Measure::Contacts => list(&["contacts [-]", "contacts_per_grain [-]"]),
+            Measure::Contacts => list(&["contacts [-]", "coordination [-]", "rattlers [-]"]),
+            Measure::Stress => list(&["stress_xx [Pa]", "stress_yy [Pa]", "stress_zz [Pa]"]),
             Measure::KineticEnergy => list(&["kinetic_energy [J]"]),
             Measure::Speed => list(&["speed_max [m/s]"]),
             Measure::TimeStep => list(&["dt [s]"]),
@@ -185,14 +189,18 @@ impl Measure {
     pub fn evaluate(self, now: &Snapshot) -> Option<Vec<f64>> {
         let State { domain, grains, contacts, .. } = now.state;
         Some(match self {
-            Measure::Porosity => vec![1.0 - grains.volume() / domain.cell.volume()],
+            Measure::Porosity => vec![measure::porosity(now.state)],
             Measure::Size => (domain.cell.upper() - domain.cell.origin).to_array().to_vec(),
             Measure::Settlement => vec![now.began.settlement(now.state)],
             Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
-            Measure::FaceStress => (0..6).map(|face| face_stress(now.state, face)).collect(),
+            Measure::FaceStress => measure::wall_stress(domain).to_vec(),
             Measure::Contacts => {
-                let count = contacts.len() as f64;
-                vec![count, count / grains.len() as f64]
+                let rattlers = measure::rattlers(now.state) as f64;
+                vec![contacts.len() as f64, measure::coordination(now.state), rattlers]
+            }
+            Measure::Stress => {
+                let s = measure::contact_stress(now.state, now.model);
+                vec![s.x_axis.x, s.y_axis.y, s.z_axis.z]
             }
             Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
@@ -220,9 +228,4 @@ impl Measure {
             }
         })
     }
-}
-
-/// Normal stress on a face, grains and water together, positive in compression [Pa].
-pub fn face_stress(state: &State, face: usize) -> f64 {
-    state.domain.wall_force[face].dot(NORMALS[face]) / state.domain.area(face)
 }

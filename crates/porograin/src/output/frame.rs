@@ -2,9 +2,10 @@
 
 use super::vtk::{self, Field, PoreMesh, Shape, Values};
 use crate::grains::Loads;
+use crate::measure;
 use crate::pores::Mesh;
 use crate::watch::Snapshot;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
 use porograin_geometry::triangulation::wall;
 
@@ -26,6 +27,8 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         mesh.add_loads(pressure, &mut water);
     }
     let fluid_force = vectors(&water.force);
+    let stress = measure::grain_stress(now.state, now.model);
+    let stress: Vec<[f64; 6]> = order.iter().map(|&i| symmetric(stress[i])).collect();
     vtk::points(
         &vectors(&grains.position),
         &[
@@ -34,9 +37,16 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
             Field { name: "velocity [m/s]", values: Values::Vectors(&velocity) },
             Field { name: "spin [rad/s]", values: Values::Vectors(&spin) },
             Field { name: "fluid force [N]", values: Values::Vectors(&fluid_force) },
+            Field { name: "stress [Pa]", values: Values::Tensors(&stress) },
             Field { name: "resultant [N]", values: Values::Vectors(&force) },
         ],
     )
+}
+
+/// The symmetric part as xx, yy, zz, xy, yz, xz.
+fn symmetric(s: DMat3) -> [f64; 6] {
+    let (x, y, z) = (s.x_axis, s.y_axis, s.z_axis);
+    [x.x, y.y, z.z, 0.5 * (x.y + y.x), 0.5 * (y.z + z.y), 0.5 * (x.z + z.x)]
 }
 
 /// The pores with their pressure; `None` in a dry stage.
