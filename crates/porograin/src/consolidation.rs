@@ -7,7 +7,7 @@
 //! size the path is shorter than the box by about a grain at each open face, and the layers at the walls settle
 //! at once.
 
-use crate::boundary::{Solid, Water};
+use crate::boundary::{Signal, Solid, Water};
 use crate::model::{Flow, Model};
 use crate::permeability::{self, Problem};
 use crate::pores::mesh::{FREE, Mesh};
@@ -21,6 +21,10 @@ const BOTTOM: usize = 4;
 const TOP: usize = 5;
 /// Local damping of the dry test; a quasi-static test does not depend on it.
 const DRY_DAMPING: f64 = 0.2;
+/// Steps of the dry test, per layer of grains, over which the load is put on. A wave crosses a layer in some five
+/// steps, so it crosses the sample some sixty times: put on at once the load would overshoot, and grains would slide
+/// that in the wet sample, loaded as the water gives way, do not.
+const DRY_RAMP: f64 = 300.0;
 /// Steps between two looks at whether the dry test has come to rest.
 const DRY_LOOK: usize = 200;
 /// The dry test is at rest when its settlement changes by less than this part between two looks, twice.
@@ -122,13 +126,14 @@ impl Consolidation {
             return unsuitable("neither the top nor the bottom face has a water pressure");
         }
         let carried = state.domain.wall_force[TOP].z / state.domain.area(TOP);
-        let load = stress.at(0.0) - carried;
+        let target = stress.at(0.0);
+        let load = target - carried;
         if load <= 0.0 {
             return unsuitable("the top servo asks for no more stress than there is");
         }
         let cell = &state.domain.cell;
         let height = (cell.upper() - cell.origin).z;
-        let (dry_settlement, strain) = dry_test(state, model)?;
+        let (dry_settlement, strain) = dry_test(state, model, target, load)?;
         let modulus = load / strain;
         let problem = Problem {
             axis: 2,
@@ -325,12 +330,20 @@ fn held_volume(mesh: &Mesh, face: u8) -> f64 {
         .sum()
 }
 
-/// Loads a dry copy of the sample as the stage does: settlement of the top [m], strain of the bulk [-].
-fn dry_test(state: &State, model: &Model) -> Result<(f64, f64), ConsolidationError> {
+/// Loads a dry copy of the sample slowly by `load`, up to `target` [Pa]: settlement of the top [m], strain of the bulk [-].
+fn dry_test(state: &State, model: &Model, target: f64, load: f64) -> Result<(f64, f64), ConsolidationError> {
     let mut copy = state.clone();
-    let dry = Model { fluid: None, damping: DRY_DAMPING, ..model.clone() };
+    let mut dry = Model { fluid: None, damping: DRY_DAMPING, ..model.clone() };
     let mut work = Work::default();
     let height = |s: &State| (s.domain.cell.upper() - s.domain.cell.origin).z;
+    let layers = height(state) / mean_diameter(state);
+    let ramp = (DRY_RAMP * layers).ceil() as usize;
+    for k in 1..=ramp {
+        if let Solid::Servo { stress, .. } = &mut dry.faces[TOP].solid {
+            *stress = Signal::Constant(target - load * (1.0 - k as f64 / ramp as f64));
+        }
+        step(&mut copy, &dry, &mut work).map_err(ConsolidationError::Dry)?;
+    }
     let (mut last, mut quiet) = (0.0, 0);
     for _ in 0..DRY_MOST / DRY_LOOK {
         for _ in 0..DRY_LOOK {
@@ -346,11 +359,15 @@ fn dry_test(state: &State, model: &Model) -> Result<(f64, f64), ConsolidationErr
     Err(ConsolidationError::Restless)
 }
 
+fn mean_diameter(state: &State) -> f64 {
+    2.0 * state.grains.radius.iter().sum::<f64>() / state.grains.len() as f64
+}
+
 /// Vertical strain between two states, compression positive: least-squares slope of the grains' displacements
 /// against their heights, over grains more than [`MARGIN`] mean diameters away from top and bottom.
 fn bulk_strain(before: &State, after: &State) -> f64 {
     let grains = &before.grains;
-    let margin = MARGIN * 2.0 * grains.radius.iter().sum::<f64>() / grains.len() as f64;
+    let margin = MARGIN * mean_diameter(before);
     let (low, high) = (before.domain.cell.origin.z + margin, before.domain.cell.upper().z - margin);
     let bulk = || (0..grains.len()).filter(|&i| (low..high).contains(&grains.position[i].z));
     let moved = |i: usize| after.grains.position[i].z - grains.position[i].z;
