@@ -2,6 +2,7 @@
 
 mod arguments;
 mod bar;
+mod bench;
 mod check;
 mod examples;
 mod permeability;
@@ -29,7 +30,7 @@ fn main() -> ExitCode {
         Command::List => examples::list(),
         Command::New { example, folder } => examples::new(&example, folder),
         Command::Permeability(arguments) => permeability::permeability(&arguments),
-        Command::Bench(arguments) => permeability::bench(&arguments),
+        Command::Bench(arguments) => bench::bench(&arguments),
     };
     let (code, object) = match outcome {
         Ok(object) => (0, object),

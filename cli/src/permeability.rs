@@ -1,22 +1,21 @@
-//! `porograin permeability` and `porograin bench`.
+//! `porograin permeability`.
 
-use crate::arguments::{self, Axis, Bench, Corners, Permeability, Sides, What};
-use crate::{Failure, Outcome, threads};
+use crate::arguments::{self, Axis, Corners, Permeability, Sides};
+use crate::{Failure, Outcome};
 use glam::DVec3;
-use porograin::bench;
+use porograin::Slip;
 use porograin::import::{self, Spheres};
 use porograin::output::frame::pore_mesh;
 use porograin::output::vtk::{self, Field, Values};
 use porograin::permeability::{Outcome as Flow, Problem, measure};
 use porograin::pores::{Conductance, Solver};
-use porograin::{Domain, Slip};
 use porograin_geometry::Cell;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
 
 /// Relative residual of the pressure solve.
-const RESIDUAL: f64 = 1e-10;
+pub const RESIDUAL: f64 = 1e-10;
 
 /// `porograin permeability`.
 pub fn permeability(arguments: &Permeability) -> Outcome {
@@ -35,61 +34,6 @@ pub fn permeability(arguments: &Permeability) -> Outcome {
         flow.permeability, flow.porosity, flow.mesh.census.pores, flow.mesh.census.throats
     );
     Ok(Some(object(&flow)))
-}
-
-/// `porograin bench`.
-pub fn bench(arguments: &Bench) -> Outcome {
-    threads(Some(arguments.threads))?;
-    let (cell, spheres) = packing(&arguments.grains, arguments.packing.corners)?;
-    match arguments.what {
-        What::Permeability => time_permeability(arguments, &cell, &spheres),
-        What::Dry => time_dry(arguments, &cell, spheres),
-        What::Coupled => Err(Failure::Run("this bench is not there yet".into())),
-    }
-}
-
-/// Holds the packing and times the dry step.
-fn time_dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
-    let domain = Domain::walled(cell.origin, cell.upper());
-    let steps = arguments.steps.unwrap_or(2000) as usize;
-    let cost = bench::dry(spheres.position, spheres.radius, domain, steps)
-        .map_err(|e| Failure::Run(e.to_string()))?;
-    eprintln!(
-        "{:.1} ns per contact and step, {:.3e} s per step, {} grains, {} contacts",
-        cost.ns_per_contact_step, cost.seconds_per_step, cost.grains, cost.contacts
-    );
-    for (phase, share) in &cost.phases {
-        eprintln!("  {phase:12} {:5.1} %", 100.0 * share);
-    }
-    serde_json::to_value(&cost).map(Some).map_err(|e| Failure::Run(e.to_string()))
-}
-
-/// Measures a few times and keeps the fastest of each part.
-fn time_permeability(arguments: &Bench, cell: &Cell, spheres: &Spheres) -> Outcome {
-    let problem = Problem {
-        axis: 2,
-        drop: 1.0,
-        sides: Slip::Symmetry,
-        viscosity: arguments.viscosity.unwrap_or(1e-3),
-        conductance: Conductance::HydraulicRadius,
-        solver: Solver::Auto,
-        residual: RESIDUAL,
-    };
-    let mut best: Option<Flow> = None;
-    for _ in 0..arguments.steps.unwrap_or(3).max(1) {
-        let flow = measure(cell, &spheres.position, &spheres.radius, &problem)
-            .map_err(|e| Failure::Run(e.to_string()))?;
-        if best.as_ref().is_none_or(|b| total(&flow) < total(b)) {
-            best = Some(flow);
-        }
-    }
-    let Some(best) = best else { return Ok(None) };
-    eprintln!("{:.3} s for {} grains", total(&best), spheres.radius.len());
-    Ok(Some(object(&best)))
-}
-
-fn total(flow: &Flow) -> f64 {
-    flow.seconds.triangulation + flow.seconds.conductance + flow.seconds.solve
 }
 
 fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
@@ -125,7 +69,7 @@ fn unknown_conductance(name: &str) -> Failure {
 }
 
 /// Reads the grains and checks them against the box.
-fn packing(path: &Path, Corners(lower, upper): Corners) -> Result<(Cell, Spheres), Failure> {
+pub fn packing(path: &Path, Corners(lower, upper): Corners) -> Result<(Cell, Spheres), Failure> {
     let name = path.display().to_string();
     let text = import::read(path).map_err(|e| Failure::Input(e.to_string()))?;
     let spheres = import::spheres(&name, &text).map_err(|e| Failure::Input(e.to_string()))?;
@@ -166,7 +110,7 @@ fn write_vtk(folder: &Path, cell: &Cell, spheres: &Spheres, flow: &Flow) -> Resu
 }
 
 /// The object that `--json` prints.
-fn object(flow: &Flow) -> Value {
+pub fn object(flow: &Flow) -> Value {
     let walls: Vec<[f64; 3]> = flow.loads.wall.iter().map(|f| f.to_array()).collect();
     json!({
         "permeability": flow.permeability,

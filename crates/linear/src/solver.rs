@@ -21,6 +21,18 @@ pub enum Method {
     GaussSeidel,
 }
 
+/// As case files and the command line spell it.
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Method::Auto => "auto",
+            Method::Cholesky => "cholesky",
+            Method::ConjugateGradients => "cg",
+            Method::GaussSeidel => "gauss-seidel",
+        })
+    }
+}
+
 /// Choices of a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Params {

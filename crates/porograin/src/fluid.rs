@@ -36,6 +36,11 @@ impl Scratch {
     pub fn mesh(&self) -> Option<&Mesh> {
         self.made.as_ref().map(|made| &made.mesh)
     }
+
+    /// What the set-up of the pressure solve made, once there is one.
+    pub fn setup(&self) -> Option<porograin_linear::Setup> {
+        self.made.as_ref().map(|made| made.system.setup())
+    }
 }
 
 /// What the water did in a step.

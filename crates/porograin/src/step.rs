@@ -72,6 +72,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     let (dt, limit) = stability::time_step(state, model, held);
     timers.lap("time step");
     let flow = fluid::advance(state, model, water)?;
+    timers.lap("pressure");
     fluid::add(loads, state, model, water);
     timers.lap("fluid");
 
