@@ -402,9 +402,16 @@ fn double_cone([u, v]: [DVec3; 2], [lu, lv]: [f64; 2], uv: f64, apexes: [DVec3; 
     2.0 * (im2 * re1 - re2 * im1).atan2(re1 * re2 + im1 * im2)
 }
 
-/// Shapes of all throats, in order.
-pub fn shapes(packing: Packing, mesh: &Triangulation, centres: &Centres, throats: &[Throat]) -> Vec<Shape> {
-    throats.par_iter().with_min_len(256).map(|throat| shape(packing, mesh, centres, throat)).collect()
+/// What `keep` takes from the shape of each throat, in order. (A shape has 300 bytes: keep what is needed.)
+pub fn shapes<T: Send>(
+    packing: Packing,
+    mesh: &Triangulation,
+    centres: &Centres,
+    throats: &[Throat],
+    keep: impl Fn(&Throat, Shape) -> T + Sync,
+) -> Vec<T> {
+    let of = |throat: &Throat| keep(throat, shape(packing, mesh, centres, throat));
+    throats.par_iter().with_min_len(256).map(of).collect()
 }
 
 /// Volume of each pore: the tetrahedron, or the prism between its grains and its walls [m³]; they sum to the cell.
@@ -466,7 +473,7 @@ mod tests {
         let mesh = Triangulation::new(cell, x, r).unwrap();
         let centres = radical_centres(packing, &mesh);
         let throats = throats(&mesh);
-        let shapes = shapes(packing, &mesh, &centres, &throats);
+        let shapes = shapes(packing, &mesh, &centres, &throats, |_, shape| shape);
         let box_volume = cell.volume();
         let solid: f64 = r.iter().map(|r| 4.0 / 3.0 * PI * r.powi(3)).sum();
         let surface: f64 = r.iter().map(|r| 4.0 * PI * r * r).sum();

@@ -1,29 +1,29 @@
 //! Samples for the benches: dense random packings by overlap removal, lattices.
-#![allow(dead_code)] // each bench uses its part
 
 use glam::DVec3;
 
 /// Positions in the unit box (or the unit period) and radii.
 pub struct Sample {
-    pub name: String,
     pub position: Vec<DVec3>,
     pub radius: Vec<f64>,
 }
 
-fn dice(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+/// Numbers in [0, 1).
+pub fn dice(mut state: u64) -> impl FnMut() -> f64 {
+    move || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
 }
 
 /// About `n` grains of radii `1 ± spread` at a solid fraction of 0.6, overlaps pushed apart 40 times; periodic.
 pub fn random(n: usize, spread: f64) -> Sample {
-    let mut state = 5;
-    let mut position: Vec<DVec3> =
-        (0..n).map(|_| DVec3::new(dice(&mut state), dice(&mut state), dice(&mut state))).collect();
-    let mut radius: Vec<f64> = (0..n).map(|_| 1.0 + spread * (2.0 * dice(&mut state) - 1.0)).collect();
+    let mut dice = dice(5);
+    let mut position: Vec<DVec3> = (0..n).map(|_| DVec3::new(dice(), dice(), dice())).collect();
+    let mut radius: Vec<f64> = (0..n).map(|_| 1.0 + spread * (2.0 * dice() - 1.0)).collect();
     let solid: f64 = radius.iter().map(|r| 4.0 / 3.0 * std::f64::consts::PI * r.powi(3)).sum();
     let scale = (0.6 / solid).cbrt();
     radius.iter_mut().for_each(|r| *r *= scale);
@@ -71,11 +71,11 @@ pub fn random(n: usize, spread: f64) -> Sample {
             *p -= p.floor();
         }
     }
-    Sample { name: format!("random ±{:.0} %", spread * 100.0), position, radius }
+    Sample { position, radius }
 }
 
 /// A lattice of `m³` cubes with the given basis, equal radii.
-pub fn lattice(name: &str, m: usize, basis: &[[f64; 3]]) -> Sample {
+pub fn lattice(m: usize, basis: &[[f64; 3]]) -> Sample {
     let mut position = Vec::new();
     for (k, j, i) in
         (0..m).flat_map(|k| (0..m).flat_map(move |j| (0..m).map(move |i| (k as f64, j as f64, i as f64))))
@@ -85,7 +85,7 @@ pub fn lattice(name: &str, m: usize, basis: &[[f64; 3]]) -> Sample {
         }
     }
     let radius = vec![0.25 / m as f64; position.len()];
-    Sample { name: name.into(), position, radius }
+    Sample { position, radius }
 }
 
 pub const SIMPLE: &[[f64; 3]] = &[[0.0; 3]];
@@ -97,7 +97,6 @@ pub fn ordered(sample: Sample) -> Sample {
     let cell = porograin_geometry::Cell::walled(DVec3::ZERO, DVec3::ONE);
     let order = porograin_geometry::order::hilbert(&cell, &sample.position);
     Sample {
-        name: sample.name,
         position: order.iter().map(|&i| sample.position[i as usize]).collect(),
         radius: order.iter().map(|&i| sample.radius[i as usize]).collect(),
     }
@@ -112,15 +111,49 @@ pub fn processor_time() -> f64 {
         .map_or_else(|| START.get_or_init(std::time::Instant::now).elapsed().as_secs_f64(), |t| t * 1e-9)
 }
 
+/// Processor time of a call [s].
+fn once(work: &mut dyn FnMut()) -> f64 {
+    let start = processor_time();
+    work();
+    processor_time() - start
+}
+
+fn shortest_and_median(mut times: Vec<f64>) -> [f64; 2] {
+    times.sort_by(f64::total_cmp);
+    [times[0], times[times.len() / 2]]
+}
+
 /// Shortest and median processor time of `runs` calls [s].
 pub fn time(runs: usize, mut work: impl FnMut()) -> [f64; 2] {
-    let mut times: Vec<f64> = (0..runs)
-        .map(|_| {
-            let start = processor_time();
-            work();
-            processor_time() - start
-        })
-        .collect();
-    times.sort_by(f64::total_cmp);
-    [times[0], times[runs / 2]]
+    shortest_and_median((0..runs).map(|_| once(&mut work)).collect())
+}
+
+/// The same for two kinds of work, run in turns so that both see the same machine.
+pub fn time_both(runs: usize, mut first: impl FnMut(), mut second: impl FnMut()) -> [[f64; 2]; 2] {
+    let (one, two) = (0..runs).map(|_| (once(&mut first), once(&mut second))).unzip();
+    [shortest_and_median(one), shortest_and_median(two)]
+}
+
+fn file(folder: &str, name: &str, n: usize) -> String {
+    format!("{folder}/{}-{n}.txt", name.replace(' ', "-"))
+}
+
+/// Writes a sample as text for others to read.
+pub fn write(folder: &str, name: &str, n: usize, sample: &Sample) {
+    let mut text = format!("{}\n", sample.position.len());
+    for (p, r) in sample.position.iter().zip(&sample.radius) {
+        text += &format!("{:?} {:?} {:?} {r:?}\n", p.x, p.y, p.z);
+    }
+    std::fs::write(file(folder, name, n), text).expect("the folder can be written");
+}
+
+/// A sample written before, if there is one.
+pub fn read(folder: &str, name: &str, n: usize) -> Option<Sample> {
+    let text = std::fs::read_to_string(file(folder, name, n)).ok()?;
+    let numbers: Vec<f64> = text.split_whitespace().skip(1).filter_map(|c| c.parse().ok()).collect();
+    let (lines, _) = numbers.as_chunks::<4>();
+    Some(Sample {
+        position: lines.iter().map(|l| DVec3::new(l[0], l[1], l[2])).collect(),
+        radius: lines.iter().map(|l| l[3]).collect(),
+    })
 }
