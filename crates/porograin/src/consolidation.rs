@@ -198,7 +198,7 @@ impl Consolidation {
 
     /// Takes a record if one is due.
     pub fn watch(&mut self, state: &State, mesh: &Mesh) {
-        let Some(water) = &state.fluid else { return };
+        let Some(water) = state.pores() else { return };
         let time = state.time - self.start;
         if self.dimensionless(time, self.path()) < self.next {
             return;

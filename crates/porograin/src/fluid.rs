@@ -11,6 +11,14 @@ use crate::step::StepError;
 use glam::DVec3;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::triangulation::wall;
+use serde::{Deserialize, Serialize};
+
+/// What a restart needs of the water, by the choice of [`Flow`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Fluid {
+    /// Pore by pore.
+    Pores(PoreState),
+}
 
 /// Steps between two looks at how much the pores have deformed.
 const LOOK_EVERY: u64 = 10;
@@ -65,11 +73,11 @@ pub fn follow(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result
     };
     let Flow::Pores(pores) = &fluid.flow;
     let recipe = recipe(model, fluid, pores);
-    if state.fluid.as_ref().is_none_or(|water| water.recipe != recipe) {
+    if state.pores().is_none_or(|water| water.recipe != recipe) {
         renew(state, &recipe, model, pores, scratch)?;
     }
     make(state, &recipe, pores, scratch)?;
-    let (Some(made), Some(water)) = (&scratch.made, &state.fluid) else { return Ok(None) };
+    let (Some(made), Some(water)) = (&scratch.made, state.pores()) else { return Ok(None) };
     if state.step % LOOK_EVERY != 0 || state.step == water.made_at_step {
         return Ok(None);
     }
@@ -98,7 +106,7 @@ fn renew(
     pores: &Pores,
     scratch: &mut Scratch,
 ) -> Result<(), StepError> {
-    state.fluid = Some(PoreState {
+    state.fluid = Some(Fluid::Pores(PoreState {
         recipe: *recipe,
         made_at_step: state.step,
         mesh_position: state.grains.position.clone(),
@@ -106,10 +114,12 @@ fn renew(
         viscous_rate: 0.0,
         pressure: Vec::new(),
         before: Vec::new(),
-    });
+    }));
     scratch.made = None;
     make(state, recipe, pores, scratch)?;
-    let (Some(water), Some(made)) = (&mut state.fluid, &mut scratch.made) else { return Ok(()) };
+    let (Some(Fluid::Pores(water)), Some(made)) = (&mut state.fluid, &mut scratch.made) else {
+        return Ok(());
+    };
     water.pressure = vec![0.0; made.mesh.nodes()];
     water.before = water.pressure.clone();
     let pistons = pistons(model, &state.grains);
@@ -120,7 +130,7 @@ fn renew(
 
 /// Makes the mesh that the state asks for, unless it is there already.
 fn make(state: &State, recipe: &Recipe, pores: &Pores, scratch: &mut Scratch) -> Result<(), StepError> {
-    let Some(water) = &state.fluid else { return Ok(()) };
+    let Some(water) = state.pores() else { return Ok(()) };
     if scratch.made.as_ref().is_some_and(|m| m.at_step == water.made_at_step && m.recipe == *recipe) {
         return Ok(());
     }
@@ -162,7 +172,9 @@ fn cannot_solve(error: porograin_linear::Error, mesh: &Mesh, grains: &Grains) ->
 /// # Errors
 /// [`StepError::Fluid`] if the solve fails.
 pub fn advance(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result<Option<Report>, StepError> {
-    let (Some(made), Some(water)) = (&mut scratch.made, &mut state.fluid) else { return Ok(None) };
+    let (Some(made), Some(Fluid::Pores(water))) = (&mut scratch.made, &mut state.fluid) else {
+        return Ok(None);
+    };
     let time = state.time - model.stage_start;
     let held = std::array::from_fn(|face| match &model.faces[face].water {
         Water::Pressure(signal) => signal.at(time),
@@ -187,7 +199,7 @@ pub fn advance(state: &mut State, model: &Model, scratch: &mut Scratch) -> Resul
 ///
 /// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
 pub fn add(loads: &mut Loads, state: &State, model: &Model, scratch: &Scratch) {
-    let (Some(made), Some(water), Some(fluid)) = (&scratch.made, &state.fluid, &model.fluid) else { return };
+    let (Some(made), Some(water), Some(fluid)) = (&scratch.made, state.pores(), &model.fluid) else { return };
     let lift = -fluid.density * model.gravity;
     if lift != DVec3::ZERO {
         for (force, &radius) in loads.force.iter_mut().zip(&state.grains.radius) {

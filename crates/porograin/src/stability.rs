@@ -58,7 +58,7 @@ pub fn due(state: &State, model: &Model) -> bool {
     state.step.is_multiple_of(RENEW_EVERY)
         || state.time == model.stage_start
         || state.dt == 0.0
-        || state.fluid.as_ref().is_some_and(|water| water.made_at_step == state.step)
+        || state.pores().is_some_and(|water| water.made_at_step == state.step)
 }
 
 /// The length of the coming step [s], and the limit if it was renewed.
@@ -76,7 +76,7 @@ pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64,
 /// What the viscous damping of the water leaves of the limit `2/omega` of the contacts: the positive root of
 /// `2 lambda dt + omega² dt² = 4` (`physics` §3b).
 pub fn with_water(contacts: Limit, state: &State) -> Limit {
-    let Some(water) = &state.fluid else { return contacts };
+    let Some(water) = state.pores() else { return contacts };
     let (lambda, omega) = (water.viscous_rate, 2.0 / contacts.seconds);
     let seconds = 4.0 / (lambda + (lambda * lambda + 4.0 * omega * omega).sqrt());
     // Of the four parts of the limit, the larger share names the cause.

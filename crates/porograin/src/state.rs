@@ -2,6 +2,7 @@
 
 use crate::boundary::Domain;
 use crate::contact::Contacts;
+use crate::fluid::Fluid;
 use crate::grains::Grains;
 use crate::pores::PoreState;
 use serde::{Deserialize, Serialize};
@@ -22,5 +23,14 @@ pub struct State {
     /// The touching pairs.
     pub contacts: Contacts,
     /// The water, while a stage has any.
-    pub fluid: Option<PoreState>,
+    pub fluid: Option<Fluid>,
+}
+
+impl State {
+    /// The water, where it is computed pore by pore.
+    pub fn pores(&self) -> Option<&PoreState> {
+        match self.fluid.as_ref()? {
+            Fluid::Pores(pores) => Some(pores),
+        }
+    }
 }

@@ -180,7 +180,7 @@ pub struct Snapshot<'a> {
 impl Snapshot<'_> {
     /// The pores and the pressure of each node [Pa], in a wet stage.
     pub fn water(&self) -> Option<(&Mesh, &[f64])> {
-        Some((self.mesh?, &self.state.fluid.as_ref()?.pressure))
+        Some((self.mesh?, &self.state.pores()?.pressure))
     }
 }
 
