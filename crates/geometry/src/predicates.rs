@@ -30,7 +30,7 @@ pub(crate) struct Row {
     pub y: f64,
     pub z: f64,
     pub l: f64,
-    /// `|d|² + |w - w_e|`, the size that bounds the rounding error of `l`.
+    /// `|d|² + |w - w_e|`, of a wall `|d|² + l`: bounds `|d|²` and `l`.
     pub t: f64,
 }
 
@@ -125,9 +125,9 @@ impl Filter {
         Filter { accuracy: Self::EPSILON * distance, floor: largest + distance * distance }
     }
 
-    /// The power sphere of the query and three rows.
+    /// The power sphere of the query and three rows, and whether the four are surely positively oriented.
     #[inline(always)]
-    pub fn sphere(&self, a: &Row, b: &Row, c: &Row, query: [f64; 4]) -> Sphere {
+    pub fn shape(&self, a: &Row, b: &Row, c: &Row, query: [f64; 4]) -> (Sphere, bool) {
         let bc = [b.y * c.z - b.z * c.y, b.z * c.x - b.x * c.z, b.x * c.y - b.y * c.x];
         let ca = [c.y * a.z - c.z * a.y, c.z * a.x - c.x * a.z, c.x * a.y - c.y * a.x];
         let ab = [a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x];
@@ -136,28 +136,38 @@ impl Filter {
         let x = (a.l * bc[0] + b.l * ca[0] + c.l * ab[0]) * half;
         let y = (a.l * bc[1] + b.l * ca[1] + c.l * ab[1]) * half;
         let z = (a.l * bc[2] + b.l * ca[2] + c.l * ab[2]) * half;
-        let size = max3(
-            max3(a.x.abs(), a.y.abs(), a.z.abs()),
-            max3(b.x.abs(), b.y.abs(), b.z.abs()),
-            max3(c.x.abs(), c.y.abs(), c.z.abs()),
-        );
+        let square = x * x + y * y + z * z;
         let t = max3(a.t, b.t, c.t);
-        // A component of the numerator has 6 products rounded at most 9 times, the determinant 60 u size³ (see above); one
-        // more rounding of the quotient, and 1/2 for adding the query, whose coordinates are below 2^52.
-        let error =
-            (120.0 * U) * (t + (x.abs() + y.abs() + z.abs()) * size) * (size * size) * half.abs() + 0.5;
-        let power = x * x + y * y + z * z - query[3];
-        Sphere {
+        // With all |d| and |l| below s and t: a component of the numerator has 6 products rounded at most 9 times, the
+        // determinant an error of 60 u s³ (see above), so that 120 u (t + (|x| + |y| + |z|) s) s² |half| bounds that of the quotient; its
+        // rounding is far less, and adding the query, whose coordinates are below 2^52, costs 1/2. As s² <= t for every row,
+        // the bracket is at most 3/2 (t + x² + y² + z²).
+        let error = (180.0 * U) * (t + square) * t * half.abs() + 0.5;
+        let accurate = error < self.accuracy;
+        let sphere = Sphere {
             centre: [query[0] + x, query[1] + y, query[2] + z],
-            power: if error < self.accuracy { power } else { f64::NAN },
-        }
+            power: if accurate { square - query[3] } else { f64::NAN },
+        };
+        // The determinant is off by 120 u s³ |half| < accuracy / sqrt(t) of itself.
+        (sphere, accurate && half > 0.0 && t > self.accuracy * self.accuracy)
     }
 
-    /// `|x - centre|² - w - power` with a bound of its error.
+    /// The power sphere of the query and three rows.
+    #[inline(always)]
+    pub fn sphere(&self, a: &Row, b: &Row, c: &Row, query: [f64; 4]) -> Sphere {
+        self.shape(a, b, c, query).0
+    }
+
+    /// `|x - centre|² - w - power` with a bound of its error, at the nearest image of the grain.
     #[inline(always)]
     pub fn power(&self, sphere: &Sphere, x: [f64; 4], lattice: &Lattice) -> (f64, f64) {
         let c = &sphere.centre;
-        let d = lattice.nearest([x[0] - c[0], x[1] - c[1], x[2] - c[2]]);
+        self.power_at(sphere, lattice.nearest([x[0] - c[0], x[1] - c[1], x[2] - c[2]]), x)
+    }
+
+    /// The same for a grain at `d` from the centre.
+    #[inline(always)]
+    pub fn power_at(&self, sphere: &Sphere, d: [f64; 3], x: [f64; 4]) -> (f64, f64) {
         let s = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
         (s - (x[3] + sphere.power), (4.0 * Self::EPSILON) * (s + sphere.power.abs() + self.floor))
     }

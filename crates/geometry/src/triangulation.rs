@@ -10,13 +10,17 @@ pub(crate) mod frame;
 pub(crate) mod lattice;
 mod mesh;
 mod periodic;
+mod regular;
 mod repair;
+mod view;
 
 use crate::predicates::Forms;
 use crate::{Cell, order};
 use frame::Frame;
 use glam::DVec3;
-use mesh::{Mesh, Pore, Space};
+use mesh::Mesh;
+use repair::{GaveUp, Patch};
+use view::{Space, View};
 
 /// A vertex of a pore: a grain `0..n`, or a wall `FIRST_WALL + face`.
 pub type Vertex = u32;
@@ -220,7 +224,7 @@ impl Sample {
             return periodic::triangulate(&points, &curve, &self.periods, &self.space, self.spacing);
         }
         let grains = points.len();
-        let mut mesh = Mesh::new(points, curve, &self.space);
+        let mut mesh = Mesh::new(View::new(&points, &curve, grains as u32, &self.space));
         let mut rounds = order::rounds(grains, 4).0.into_iter();
         if let Some(first) = rounds.next() {
             mesh.start(first);
@@ -238,46 +242,37 @@ impl Sample {
             return Ok(None);
         }
         let labels: Vec<u32> = (0..n as u32).collect();
-        let mut mesh = Mesh::new(self.points.clone(), labels.clone(), &self.space);
-        let inner = |v: Vertex| wall(v).map_or(v, |face| (n + face) as u32);
-        let pore = |(vertex, &neighbour): (&[Vertex; 4], &[u32; 4])| {
-            let [a, b, c, d] = *vertex;
-            Pore { vertex: [inner(a), inner(b), inner(c), inner(d)], neighbour, sphere: Default::default() }
-        };
-        mesh.resume(old.pores.iter().zip(&old.neighbours).map(pore).collect(), old.hidden.clone());
+        let view = View::new(&self.points, &labels, FIRST_WALL, &self.space);
         // Holes must be small against the period, so that their vertices are met at the nearest images.
         let small = |power: f64| {
             let square = (power + self.space.largest).max(0.0);
             !torus || 2.0 * periodic::FIT * square.sqrt() < lattice.least_height()
         };
-        let (bad, power) = mesh.survey();
-        if bad.len() > old.pores.len() / 8 + 8 || !small(power) {
+        let survey = view.survey(&old.pores, &old.neighbours);
+        if survey.bad.len() > old.pores.len() / 8 + 8 || !small(survey.largest) {
             return Ok(None);
         }
-        let untouched = bad.is_empty();
-        let Ok(replaced) = mesh.mend(bad) else { return Ok(None) };
-        let report = Repair {
-            rebuilt: false,
-            holes: replaced.holes,
-            replaced: replaced.pores,
-            reinserted: replaced.reinserted,
+        let shifts = |pores: &[[Vertex; 4]]| match torus {
+            true => periodic::shifts(pores, &self.points, &self.periods, lattice),
+            false => Ok(Vec::new()),
         };
-        mesh.hidden.sort_unstable();
-        if untouched && mesh.hidden == old.hidden {
-            if torus {
-                old.shifts = periodic::shifts(&old.pores, &self.points, &self.periods, lattice)?;
+        if survey.bad.is_empty() && old.hidden.is_empty() {
+            old.shifts = shifts(&old.pores)?;
+            return Ok(Some(Repair::default()));
+        }
+        let mut patch = Patch::new(view, old);
+        let mended = match patch.mend(&survey.bad) {
+            Ok((new, report, largest)) if small(largest) => {
+                shifts(&new.pores).map(|shifts| Some((Triangulation { shifts, ..new }, report)))
             }
+            Ok(_) | Err(GaveUp) => Ok(None),
+        };
+        if let Ok(Some((new, report))) = mended {
+            *old = new;
             return Ok(Some(report));
         }
-        if torus && !small(mesh.largest_power()) {
-            return Ok(None);
-        }
-        let mut new = canonical::number(&mesh, n);
-        if torus {
-            new.shifts = periodic::shifts(&new.pores, &self.points, &self.periods, lattice)?;
-        }
-        *old = new;
-        Ok(Some(report))
+        patch.undo();
+        mended.map(|_| None)
     }
 }
 
@@ -285,15 +280,22 @@ impl Triangulation {
     /// Whether this can be a triangulation of `n` grains in a cell with these periodic axes.
     fn fits(&self, n: usize, periodic: [bool; 3]) -> bool {
         let mut used = vec![false; n];
+        let mut before = [0; 4];
         for pore in &self.pores {
             for &v in pore {
                 match wall(v) {
-                    Some(face) if periodic[face / 2] => return false,
+                    Some(face) if face > 5 || periodic[face / 2] => return false,
                     Some(_) => {}
                     None if (v as usize) < n => used[v as usize] = true,
                     None => return false,
                 }
             }
+            // Numbered as `new` does it.
+            let [a, b, c, d] = *pore;
+            if a >= FIRST_WALL || a > b || b > c || b > d || *pore < before {
+                return false;
+            }
+            before = *pore;
         }
         for &g in &self.hidden {
             match used.get_mut(g as usize) {

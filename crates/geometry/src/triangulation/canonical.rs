@@ -97,7 +97,7 @@ pub(super) fn number(mesh: &Mesh, grains: usize) -> Triangulation {
     for (old, pore) in (0..).zip(&mesh.pores) {
         if pore.vertex[0] != FREE {
             let [a, b, c, d] = pore.vertex;
-            let label = [mesh.label(a), mesh.label(b), mesh.label(c), mesh.label(d)];
+            let label = [mesh.view.label(a), mesh.view.label(b), mesh.view.label(c), mesh.view.label(d)];
             let turn = turn(label);
             let [a, b, c, d] = turn;
             let vertex = [label[a as usize], label[b as usize], label[c as usize], label[d as usize]];
@@ -111,8 +111,42 @@ pub(super) fn number(mesh: &Mesh, grains: usize) -> Triangulation {
         pores,
         neighbours,
         shifts: Vec::new(),
-        hidden: hidden(mesh.hidden.iter().map(|&g| mesh.label(g))),
+        hidden: hidden(mesh.hidden.iter().map(|&g| mesh.view.label(g))),
     }
+}
+
+/// Numbers the pores anew after some were taken away ([`FREE`]) and others put at the end, from `kept` on; those before are in order.
+pub(super) fn merged(old: &Triangulation, kept: usize) -> Triangulation {
+    let mut entries: Vec<Entry<()>> = Vec::new();
+    for (slot, vertex) in (0..).zip(&old.pores).skip(kept).filter(|(_, vertex)| vertex[0] != FREE) {
+        let turn = turn(*vertex);
+        entries.push(Entry { vertex: turn.map(|k| vertex[k as usize]), rest: (), old: slot, turn });
+    }
+    entries.sort_unstable_by_key(|entry| entry.vertex);
+    let mut number = vec![NONE; old.pores.len()];
+    let mut pores = Vec::with_capacity(kept + entries.len());
+    let mut place = |slot: u32, vertex: [Vertex; 4]| {
+        number[slot as usize] = pores.len() as u32;
+        pores.push(vertex);
+    };
+    let mut new = entries.iter().peekable();
+    for (slot, vertex) in (0..).zip(&old.pores[..kept]).filter(|(_, vertex)| vertex[0] != FREE) {
+        while let Some(entry) = new.next_if(|entry| entry.vertex < *vertex) {
+            place(entry.old, entry.vertex);
+        }
+        place(slot, *vertex);
+    }
+    new.for_each(|entry| place(entry.old, entry.vertex));
+    let renamed = |sides: [u32; 4]| sides.map(|p| number.get(p as usize).copied().unwrap_or(NONE));
+    let mut neighbours = vec![[NONE; 4]; pores.len()];
+    for slot in (0..kept).filter(|&slot| old.pores[slot][0] != FREE) {
+        neighbours[number[slot] as usize] = renamed(old.neighbours[slot]);
+    }
+    for entry in &entries {
+        let sides = old.neighbours[entry.old as usize];
+        neighbours[number[entry.old as usize] as usize] = renamed(entry.turn.map(|k| sides[k as usize]));
+    }
+    Triangulation { pores, neighbours, shifts: Vec::new(), hidden: old.hidden.clone() }
 }
 
 fn hidden(grains: impl Iterator<Item = u32>) -> Vec<u32> {

@@ -7,7 +7,8 @@
 
 use super::canonical::{self, PeriodicPore};
 use super::lattice::Lattice;
-use super::mesh::{FREE, Mesh, Pore, Space};
+use super::mesh::{FREE, Mesh, Pore};
+use super::view::{Space, View};
 use super::{NONE, Triangulation, TriangulationError, Vertex};
 use crate::order;
 use glam::DVec3;
@@ -59,7 +60,7 @@ pub(super) fn triangulate(
             return canonical::number_periodic(&pores, n, hidden);
         }
         if FIT * period.square.sqrt() < height * (1.0 - 1e-9) {
-            let mut mesh = Mesh::new(points.to_vec(), label.to_vec(), space);
+            let mut mesh = Mesh::new(View::new(points, label, n as u32, space));
             mesh.resume(period.pores, period.hidden);
             rest.iter().for_each(|&grain| mesh.insert(grain));
             return unfold(&mesh, points, label, periods, &space.lattice);
@@ -204,9 +205,9 @@ impl Images {
         let order = order::sorted(self.points.iter().map(place), within.lower.into(), within.upper.into());
         self.source = order.iter().map(|&i| self.source[i as usize]).collect();
         self.points = order.iter().map(|&i| self.points[i as usize]).collect();
-        let labels = self.source.iter().map(|s| label[s.0 as usize]).collect();
+        let labels: Vec<u32> = self.source.iter().map(|s| label[s.0 as usize]).collect();
         let count = self.points.len();
-        let mut mesh = Mesh::new(self.points, labels, &within);
+        let mut mesh = Mesh::new(View::new(&self.points, &labels, count as u32, &within));
         let mut rounds = order::rounds(count, 4).0.into_iter();
         mesh.start(rounds.next().unwrap_or(0));
         rounds.for_each(|grain| mesh.insert(grain));
@@ -216,7 +217,7 @@ impl Images {
         let mut period = Period { pores: Vec::new(), shifts: Vec::new(), hidden: Vec::new(), square: 0.0 };
         let mut number: HashMap<[Image; 4], u32> = HashMap::new();
         let mut needed = 0.0f64;
-        for (k, pore) in mesh.pores.iter().enumerate().filter(|(_, p)| p.vertex[0] != FREE) {
+        for pore in mesh.pores.iter().filter(|p| p.vertex[0] != FREE) {
             let images = pore.vertex.map(image);
             if !(0..4).any(|k| !wall(pore.vertex[k]) && images[k].1 == [0; 3]) {
                 continue;
@@ -226,7 +227,7 @@ impl Images {
             if pore.vertex.into_iter().any(artificial) {
                 return Err(1.6 * margin);
             }
-            let (centre, power) = mesh.sphere(k as u32);
+            let (centre, power) = mesh.view.sphere(pore.vertex, &pore.sphere);
             let square = (power + space.largest).max(0.0);
             let radius = square.sqrt() * (1.0 + 1e-9) + 1.0;
             let f = lattice.coordinates(centre);

@@ -1,0 +1,152 @@
+//! Whether a triangulation is regular: every pore is positively oriented, and no vertex across a facet conflicts with the pore
+//! on this side.
+
+use super::view::View;
+use super::{FACET, NONE, Vertex};
+use crate::predicates::{self, Row, Sphere};
+use rayon::prelude::*;
+
+/// Pores checked in one go.
+const BLOCK: usize = 4096;
+
+/// What a survey found.
+pub(super) struct Survey {
+    /// Pores that are not positively oriented or have a facet that is not locally regular; of the two pores of a facet, the first.
+    pub bad: Vec<u32>,
+    /// The largest power of the others; only looked for in a torus.
+    pub largest: f64,
+}
+
+impl View<'_> {
+    /// Checks all pores and facets; the first vertex of each pore must be a grain.
+    pub fn survey(&self, pores: &[[Vertex; 4]], neighbours: &[[u32; 4]]) -> Survey {
+        let block = |b: usize| {
+            let pores_of_block = b * BLOCK..pores.len().min((b + 1) * BLOCK);
+            if self.torus {
+                self.survey_block(pores, neighbours, pores_of_block, |d| self.lattice.nearest(d))
+            } else {
+                self.survey_block(pores, neighbours, pores_of_block, |d| d)
+            }
+        };
+        let blocks: Vec<Survey> = (0..pores.len().div_ceil(BLOCK)).into_par_iter().map(block).collect();
+        let largest = blocks.iter().map(|b| b.largest).fold(f64::NEG_INFINITY, f64::max);
+        Survey { bad: blocks.into_iter().flat_map(|b| b.bad).collect(), largest }
+    }
+
+    #[inline(always)]
+    fn survey_block(
+        &self,
+        pores: &[[Vertex; 4]],
+        neighbours: &[[u32; 4]],
+        range: std::ops::Range<usize>,
+        nearest: impl Fn([f64; 3]) -> [f64; 3],
+    ) -> Survey {
+        let mut found = Survey { bad: Vec::new(), largest: f64::NEG_INFINITY };
+        let difference = |a: &[f64], b: &[f64]| nearest([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
+        for p in range {
+            let vertex = pores[p];
+            let query = self.points[vertex[0] as usize];
+            let row = |v: Vertex| match self.points.get(v as usize) {
+                Some(x) => predicates::grain_row(difference(x, &query), x[3] - query[3]),
+                None => self.row(v, query),
+            };
+            let [a, b, c] = [row(vertex[1]), row(vertex[2]), row(vertex[3])];
+            let (sphere, mut good) = self.filter.shape(&a, &b, &c, query);
+            let all = |v: [u32; 4]| v[0] ^ v[1] ^ v[2] ^ v[3];
+            for k in 0..4 {
+                let Some(&across) = pores.get(neighbours[p][k] as usize) else { continue };
+                // Three of the four cancel. All four facets, though each is seen twice: cheaper than branches nobody
+                // can foresee.
+                let opposite = all(across) ^ all(vertex) ^ vertex[k];
+                good &= match self.points.get(opposite as usize) {
+                    Some(x) => {
+                        let (value, bound) = self.filter.power_at(&sphere, difference(x, &sphere.centre), *x);
+                        value > bound
+                    }
+                    None => false, // a wall: leave it to the full test
+                };
+            }
+            if !good && !self.regular(pores, neighbours, p) {
+                found.bad.push(p as u32);
+            } else if self.torus {
+                found.largest = found.largest.max(self.sphere(vertex, &sphere).1);
+            }
+        }
+        found
+    }
+
+    /// Whether a pore is positively oriented and no vertex across its facets to later pores conflicts with it: the whole truth.
+    #[cold]
+    fn regular(&self, pores: &[[Vertex; 4]], neighbours: &[[u32; 4]], p: usize) -> bool {
+        let (sphere, positive) = self.shape(pores[p]);
+        let facet =
+            |k: usize| p as u32 >= neighbours[p][k] || self.locally_regular(pores, neighbours, p, k, &sphere);
+        positive && (0..4).all(facet)
+    }
+
+    /// Whether the vertex across facet `k` of a pore does not conflict with it.
+    pub fn locally_regular(
+        &self,
+        pores: &[[Vertex; 4]],
+        neighbours: &[[u32; 4]],
+        p: usize,
+        k: usize,
+        sphere: &Sphere,
+    ) -> bool {
+        let across = neighbours[p][k];
+        if across == NONE {
+            return true;
+        }
+        let back = neighbours[across as usize].iter().position(|&q| q == p as u32).unwrap_or(0);
+        !self.conflicts(pores[p], sphere, pores[across as usize][back])
+    }
+
+    /// The power sphere of four vertices, and whether they are positively oriented.
+    #[inline(always)]
+    pub fn shape(&self, vertex: [u32; 4]) -> (Sphere, bool) {
+        let mut base = 0;
+        while vertex[base] as usize >= self.points.len() {
+            base += 1;
+        }
+        let query = self.points[vertex[base] as usize];
+        let [a, b, c] = FACET[base];
+        let rows = [self.row(vertex[a], query), self.row(vertex[b], query), self.row(vertex[c], query)];
+        let (value, bound) = predicates::determinant(&rows[0], &rows[1], &rows[2]);
+        let positive = if value.abs() > bound {
+            value > 0.0
+        } else {
+            let d = |k: usize| self.exact_direction(vertex[FACET[base][k]], &rows[k]);
+            predicates::side_exact(0, [&d(0), &d(1), &d(2)]) > 0
+        };
+        (self.filter.sphere(&rows[0], &rows[1], &rows[2], query), positive)
+    }
+
+    /// Whether a vertex, grain or wall, conflicts with a positively oriented pore.
+    #[inline(always)]
+    pub fn conflicts(&self, vertex: [u32; 4], sphere: &Sphere, with: u32) -> bool {
+        match self.points.get(with as usize) {
+            Some(&query) => {
+                let (value, bound) = self.filter.power(sphere, query, &self.lattice);
+                if value.abs() > bound { value < 0.0 } else { self.conflict_exact(vertex, with, query) }
+            }
+            None => self.conflicts_wall(vertex, with),
+        }
+    }
+
+    /// The wall trades places with a grain of the pore: the sign of the determinant changes.
+    fn conflicts_wall(&self, mut vertex: [u32; 4], with: u32) -> bool {
+        let base = (0..4).find(|&k| (vertex[k] as usize) < self.points.len()).unwrap_or(0);
+        let grain = vertex[base];
+        let query = self.points[grain as usize];
+        vertex[base] = with;
+        let mut rows = [Row::default(); 4];
+        for k in 0..4 {
+            rows[k] = self.row(vertex[k], query);
+        }
+        let (value, bound) = predicates::power([&rows[0], &rows[1], &rows[2], &rows[3]]);
+        if value.abs() > bound {
+            return value < 0.0;
+        }
+        !self.conflict_exactly(vertex, &rows, grain)
+    }
+}
