@@ -9,6 +9,7 @@
 //! - [`voronoi`]: power cells of the grains, their facets and neighbours;
 //! - [`locate`]: which pore contains a point.
 
+mod angle;
 pub mod cell;
 pub mod gradient;
 pub mod locate;

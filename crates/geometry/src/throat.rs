@@ -13,6 +13,8 @@
 //! pores. Everything is signed by the side on which a centre lies, which makes the regions partition the sample
 //! exactly: over all throats the void volumes sum to the void, the wetted surfaces to the surface of the solid.
 
+mod shape;
+
 use crate::cell::{Cell, NORMALS};
 use crate::triangulation::{FACET, NONE, Triangulation, Vertex, wall};
 use glam::DVec3;
@@ -119,27 +121,24 @@ pub(crate) fn depth(cell: &Cell, x: DVec3, face: usize) -> f64 {
 /// another grain at b and `2 n·y = 2 depth` for a wall: three planes.
 fn radical_centre(packing: Packing, mesh: &Triangulation, pore: usize) -> (DVec3, f64) {
     let vertices = mesh.pores[pore];
-    let points: [Option<DVec3>; 4] = std::array::from_fn(|k| packing.point(mesh, pore, k));
-    let base = points.iter().position(Option::is_some).unwrap_or(0);
-    let Some(origin) = points[base] else { return (DVec3::NAN, 0.0) };
-    let r = packing.radius[vertices[base] as usize];
-    let mut row = [DVec3::ZERO; 3];
-    let mut height = [0.0; 3];
-    for (m, k) in (0..4).filter(|&k| k != base).enumerate() {
-        row[m] = toward(origin, points[k], vertices[k]);
-        height[m] = match wall(vertices[k]) {
-            None => {
-                let other = packing.radius[vertices[k] as usize];
-                row[m].length_squared() + (r - other) * (r + other)
-            }
-            Some(face) => 2.0 * depth(packing.cell, origin, face),
-        };
-    }
-    let [b, c, d] = row;
+    // The first vertex of a pore is a grain.
+    let Some(origin) = packing.point(mesh, pore, 0) else { return (DVec3::NAN, 0.0) };
+    let r = packing.radius[vertices[0] as usize];
+    let plane = |k: usize| match packing.point(mesh, pore, k) {
+        Some(x) => {
+            let other = packing.radius[vertices[k] as usize];
+            (x - origin, (x - origin).length_squared() + (r - other) * (r + other))
+        }
+        None => {
+            let face = wall(vertices[k]).unwrap_or(0);
+            (NORMALS[face], 2.0 * depth(packing.cell, origin, face))
+        }
+    };
+    let [(b, hb), (c, hc), (d, hd)] = [plane(1), plane(2), plane(3)];
     let (cd, db, bc) = (c.cross(d), d.cross(b), b.cross(c));
     let det = b.dot(cd);
     let thickness = det.abs() / (b.length() * c.length() * d.length());
-    let y = (cd * height[0] + db * height[1] + bc * height[2]) / (2.0 * det);
+    let y = (cd * hb + db * hc + bc * hd) / (2.0 * det);
     (origin + y, if thickness.is_finite() { thickness } else { 0.0 })
 }
 
@@ -236,170 +235,25 @@ pub fn throats(mesh: &Triangulation) -> Vec<Throat> {
     throats
 }
 
-/// The numbers of one throat; `None` for the parts of vertices that are walls.
+/// The numbers of one throat.
+#[inline]
 pub fn shape(packing: Packing, mesh: &Triangulation, centres: &Centres, throat: &Throat) -> Shape {
     let pore = throat.pores[0] as usize;
-    let order = FACET[throat.facet as usize];
-    let points: [Option<DVec3>; 3] = std::array::from_fn(|c| packing.point(mesh, pore, order[c]));
-    let first = centres.point[pore];
-    let second = centres.point[throat.pores[1] as usize] + packing.cell.shift(throat.shift);
-    shape_of(packing, throat.vertices, points, first, second)
-}
-
-/// The polygon of a facet: its corners (3 or 4), and its area as a vector along the outward normal.
-fn polygon(cell: &Cell, vertices: [Vertex; 3], points: [Option<DVec3>; 3]) -> ([DVec3; 4], usize, DVec3) {
-    let onto = |x: DVec3, face: usize| x + NORMALS[face] * depth(cell, x, face);
+    let [i, j, k] = FACET[throat.facet as usize];
+    let points = [packing.point(mesh, pore, i), packing.point(mesh, pore, j), packing.point(mesh, pore, k)];
+    let [first, second] = throat.pores;
+    let mut apexes = [centres.point[first as usize], centres.point[second as usize]];
+    if !mesh.shifts.is_empty() {
+        apexes[1] += packing.cell.shift(throat.shift);
+    }
     match points {
-        [Some(a), Some(b), Some(c)] => ([a, b, c, c], 3, 0.5 * (b - a).cross(c - a)),
-        _ => {
-            // Turn the triple until its walls stand last.
-            let grain = |k: usize| points[k % 3].is_some();
-            let s = (0..3).find(|&s| grain(s) && !grain(s + 2)).unwrap_or(0);
-            let at = |k: usize| (points[(s + k) % 3], vertices[(s + k) % 3]);
-            match (at(0), at(1), at(2)) {
-                ((Some(a), _), (Some(b), _), (None, w)) => {
-                    let face = wall(w).unwrap_or(0);
-                    let mean = 0.5 * (depth(cell, a, face) + depth(cell, b, face));
-                    ([a, b, onto(b, face), onto(a, face)], 4, mean * (b - a).cross(NORMALS[face]))
-                }
-                ((Some(a), _), (None, u), (None, v)) => {
-                    let (f, g) = (wall(u).unwrap_or(0), wall(v).unwrap_or(0));
-                    let area = depth(cell, a, f) * depth(cell, a, g) * NORMALS[f].cross(NORMALS[g]);
-                    ([a, onto(a, f), onto(onto(a, f), g), onto(a, g)], 4, area)
-                }
-                _ => ([DVec3::ZERO; 4], 3, DVec3::ZERO),
-            }
+        [Some(a), Some(b), Some(c)] => {
+            let [i, j, k] = throat.vertices;
+            let radius = [packing.radius[i as usize], packing.radius[j as usize], packing.radius[k as usize]];
+            shape::of_triangle([a, b, c], radius, apexes)
         }
+        _ => shape::at_walls(packing, throat.vertices, points, apexes),
     }
-}
-
-fn shape_of(
-    packing: Packing,
-    vertices: [Vertex; 3],
-    points: [Option<DVec3>; 3],
-    first: DVec3,
-    second: DVec3,
-) -> Shape {
-    let (corner, corners, area_vector) = polygon(packing.cell, vertices, points);
-    let area = area_vector.length();
-    let mut shape = Shape { area, ..Shape::default() };
-    if area == 0.0 {
-        return shape;
-    }
-    shape.normal = area_vector / area;
-    shape.length = (second - first).dot(shape.normal);
-    shape.centroid = if corners == 3 {
-        (corner[0] + corner[1] + corner[2]) / 3.0
-    } else {
-        let [a, b, c, d] = corner;
-        let (one, two) = ((b - a).cross(c - a).dot(shape.normal), (c - a).cross(d - a).dot(shape.normal));
-        (one * (a + b + c) + two * (a + c + d)) / (3.0 * (one + two))
-    };
-    shape.fluid_area = area;
-    shape.void = area * shape.length / 3.0;
-    for k in 0..3 {
-        let (next, previous) = ((k + 1) % 3, (k + 2) % 3);
-        match points[k] {
-            Some(x) => {
-                let r = packing.radius[vertices[k] as usize];
-                let u = toward(x, points[next], vertices[next]);
-                let v = toward(x, points[previous], vertices[previous]);
-                let (length_u, length_v) = (u.length(), v.length());
-                let product = length_u * length_v;
-                let across = u.cross(v).dot(shape.normal).max(0.0);
-                let dot = u.dot(v);
-                let angle = across.atan2(dot);
-                shape.angle[k] = angle;
-                // The first moment of a sector is 2/3 r³ sin(angle/2) along the bisector u/|u| + v/|v|, whose
-                // length is 2 cos(angle/2); tan(angle/2) = sin / (1 + cos).
-                let cubed = r * r * r;
-                let toward_middle = u * length_v + v * length_u;
-                let tangent = if product + dot > 1e-14 * product { across / (product + dot) } else { 0.0 };
-                shape.sector_moment[k] = toward_middle * (cubed / 3.0 * tangent / product);
-                (shape.covered[k], shape.covered_moment[k]) = match covered(&corner[..corners], x, r) {
-                    Some(cut) => cut,
-                    None => (0.5 * angle * r * r, shape.sector_moment[k]),
-                };
-                shape.fluid_area -= shape.covered[k];
-                let solid_angle = double_cone([u, v], [length_u, length_v], dot, [first - x, second - x]);
-                shape.void -= solid_angle * cubed / 3.0;
-                shape.surface[k] = solid_angle * r * r;
-            }
-            None => {
-                // The wall's part of the region is a triangle or a kite: half the product of its diagonals.
-                let width = match (points[next], points[previous]) {
-                    (Some(a), Some(b)) => {
-                        let n = NORMALS[(vertices[k] - crate::triangulation::FIRST_WALL) as usize];
-                        (b - a).cross(n).length()
-                    }
-                    (Some(a), None) => depth(packing.cell, a, wall(vertices[previous]).unwrap_or(0)),
-                    (None, Some(a)) => depth(packing.cell, a, wall(vertices[next]).unwrap_or(0)),
-                    (None, None) => 0.0,
-                };
-                shape.surface[k] = 0.5 * width * shape.length;
-            }
-        }
-    }
-    shape
-}
-
-/// Area and first moment about `x` of the part of a convex polygon that the disc about its corner `x` covers;
-/// `None` if the disc reaches past no edge, so that the part is the whole sector.
-fn covered(corner: &[DVec3], x: DVec3, r: f64) -> Option<(f64, DVec3)> {
-    let n = corner.len();
-    let edges = || (0..n).map(|k| (corner[k] - x, corner[if k + 1 == n { 0 } else { k + 1 }] - x));
-    let reaches = |(p, q): (DVec3, DVec3)| {
-        p != DVec3::ZERO && q != DVec3::ZERO && p.cross(q).length_squared() < r * r * (q - p).length_squared()
-    };
-    if !edges().any(reaches) {
-        return None;
-    }
-    let (mut area, mut moment, mut cut) = (0.0, DVec3::ZERO, false);
-    for (p, q) in edges() {
-        let edge = (q - p).length();
-        // Edges that end at x span no triangle with it.
-        if p == DVec3::ZERO || q == DVec3::ZERO || edge == 0.0 {
-            continue;
-        }
-        let along = (q - p) / edge;
-        let (from, to) = (p.dot(along), q.dot(along));
-        let foot = p - along * from;
-        let height = foot.length();
-        let out = foot.normalize_or_zero();
-        // Along the edge, measured from the foot of the perpendicular: within the disc the part is a triangle,
-        // on either side a sector.
-        let half = (r * r - height * height).max(0.0).sqrt();
-        cut |= half > 0.0 && from < half && to > -half;
-        let (a, b) = (from.max(-half), to.min(half));
-        if b > a {
-            let triangle = 0.5 * height * (b - a);
-            area += triangle;
-            moment += triangle / 3.0 * (2.0 * foot + along * (a + b));
-        }
-        for (s, t) in [(from, to.min(-half)), (from.max(half), to)] {
-            if t > s {
-                let (begin, end) = (s.atan2(height), t.atan2(height));
-                area += 0.5 * r * r * (end - begin);
-                moment +=
-                    r * r * r / 3.0 * ((end.sin() - begin.sin()) * out + (begin.cos() - end.cos()) * along);
-            }
-        }
-    }
-    cut.then_some((area, moment))
-}
-
-/// Solid angle spanned by the directions `u`, `v` of a facet and the two apexes: that of the cone (u, v, second)
-/// less that of (u, v, first), each signed by the side of the facet (Van Oosterom & Strackee 1983). The facet's
-/// normal `u x v` points to the side of the second pore.
-fn double_cone([u, v]: [DVec3; 2], [lu, lv]: [f64; 2], uv: f64, apexes: [DVec3; 2]) -> f64 {
-    let cross = u.cross(v);
-    // tan(half the solid angle) = triple product / real part; the difference of two angles is the argument of a
-    // product of complex numbers, which costs one arctangent in place of two.
-    let [(re1, im1), (re2, im2)] = apexes.map(|w| {
-        let lw = w.length();
-        (lu * lv * lw + uv * lw + u.dot(w) * lv + v.dot(w) * lu, cross.dot(w))
-    });
-    2.0 * (im2 * re1 - re2 * im1).atan2(re1 * re2 + im1 * im2)
 }
 
 /// What `keep` takes from the shape of each throat, in order. (A shape has 300 bytes: keep what is needed.)
@@ -417,7 +271,11 @@ pub fn shapes<T: Send>(
 /// Volume of each pore: the tetrahedron, or the prism between its grains and its walls [m³]; they sum to the cell.
 pub fn pore_volume(packing: Packing, mesh: &Triangulation, pore: usize) -> f64 {
     let vertices = mesh.pores[pore];
-    let points: [Option<DVec3>; 4] = std::array::from_fn(|k| packing.point(mesh, pore, k));
+    let point = |k: usize| packing.point(mesh, pore, k);
+    let points = [point(0), point(1), point(2), point(3)];
+    if let [Some(a), Some(b), Some(c), Some(d)] = points {
+        return (b - a).cross(c - a).dot(d - a) / 6.0;
+    }
     let Some(base) = points.iter().position(Option::is_some) else { return 0.0 };
     let Some(apex) = points[base] else { return 0.0 };
     // Pyramids from one of its corners over the facets and wall faces that do not contain it. Walls first: the
@@ -430,7 +288,7 @@ pub fn pore_volume(packing: Packing, mesh: &Triangulation, pore: usize) -> f64 {
         if corners.iter().all(Option::is_none) {
             continue;
         }
-        let (corner, _, area) = polygon(packing.cell, order.map(|m| vertices[m]), corners);
+        let (corner, _, area) = shape::polygon(packing.cell, order.map(|m| vertices[m]), corners);
         closing += area;
         volume += area.dot(corner[0] - apex) / 3.0;
     }
@@ -523,28 +381,6 @@ mod tests {
         for error in partition_error(&cell, &x, &[0.5; 64]) {
             assert!(error < 1e-10, "{error}");
         }
-    }
-
-    #[test]
-    fn a_disc_past_the_opposite_edge_is_cut() {
-        // Corner at the origin, opposite edge x = 0.5 from y = -1 to 1, unit disc: triangle of height 0.5.
-        let corner = [DVec3::ZERO, DVec3::new(0.5, -1.0, 0.0), DVec3::new(0.5, 1.0, 0.0)];
-        let (area, moment) = covered(&corner, DVec3::ZERO, 1.0).unwrap();
-        // By integration in polar angle: within |phi| < 60° the ray ends on the edge, beyond on the circle.
-        let n = 200_000;
-        let phi0 = 2.0_f64.atan();
-        let (mut a, mut mx) = (0.0, 0.0);
-        for i in 0..n {
-            let phi = phi0 * (2.0 * (i as f64 + 0.5) / n as f64 - 1.0);
-            let reach = (0.5 / phi.cos()).min(1.0);
-            a += 0.5 * reach * reach * 2.0 * phi0 / n as f64;
-            mx += reach.powi(3) / 3.0 * phi.cos() * 2.0 * phi0 / n as f64;
-        }
-        assert!(
-            (area - a).abs() < 1e-9 && (moment - DVec3::X * mx).length() < 1e-9,
-            "{area} {a} {moment} {mx}"
-        );
-        assert!(covered(&corner, DVec3::ZERO, 0.49).is_none());
     }
 
     #[test]
