@@ -46,8 +46,9 @@ impl Bar {
             Some(left) => format!(", {} left", span(left)),
             None => String::new(),
         };
-        let message =
-            format!("step {}, t = {:.4e} s, {} contacts{left}", view.step, view.time, view.report.contacts);
+        let water = if view.report.water.is_some_and(|water| water.implicit) { ", implicit" } else { "" };
+        let View { step, time, report, .. } = view;
+        let message = format!("step {step}, t = {time:.4e} s, {} contacts{water}{left}", report.contacts);
         let place = format!("{} ({}/{})", view.name, view.stage + 1, view.stages);
         match &self.bar {
             Some(bar) => {

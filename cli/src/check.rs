@@ -43,6 +43,11 @@ fn show(implied: &Implied) {
                 "  permeability about {:.2e} m2, seepage {:.2e} m/s, Reynolds {:.1e}, Stokes {:.1e}",
                 water.permeability, water.seepage, water.reynolds, water.stokes
             );
+            let steps = if water.implicit { "implicit" } else { "explicit" };
+            eprintln!(
+                "  {steps} steps: the water would shorten explicit ones about {:.1} times",
+                water.shortens
+            );
             eprintln!("  consolidation takes about {:.2e} s", water.consolidation);
         }
     }

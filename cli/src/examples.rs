@@ -41,6 +41,14 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
         &[("symmetry", "the wall is a mirror for the water"), ("no-slip", "the water sticks to the wall")],
     ),
     ("conductances", &[("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)")]),
+    (
+        "steps of the water",
+        &[
+            ("auto", "implicit where the water would shorten an explicit step more than three times"),
+            ("explicit", "from the velocities before the step"),
+            ("implicit", "together with the velocities after the step"),
+        ],
+    ),
     ("solvers", &[("auto", "by size"), ("cholesky", "sparse factorisation"), ("cg", "conjugate gradients")]),
     (
         "signals",

@@ -5,6 +5,7 @@ use crate::bar::{Bar, span};
 use crate::{Failure, Outcome, threads};
 use porograin::case::Case;
 use porograin::output::folder::Folder;
+use porograin::pores::Stepping;
 use porograin::run::{Ending, Options, Simulation, run as drive};
 use serde_json::json;
 use std::path::PathBuf;
@@ -97,8 +98,12 @@ fn report(folder: &Folder) {
             .iter()
             .map(|(name, seconds)| format!("{name} {:.0} %", 100.0 * *seconds / total))
             .collect();
+        let water = match stage.water_step {
+            Some(Stepping::Implicit) => " implicit",
+            _ => "",
+        };
         eprintln!(
-            "{:>12}: {} steps, {:.4e} s simulated in {:.1} s ({})",
+            "{:>12}: {}{water} steps, {:.4e} s simulated in {:.1} s ({})",
             stage.name,
             stage.steps,
             stage.time,

@@ -64,6 +64,7 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("grains.packing={x=1}", true),
         ("watch.0.measures=['x']", false),
         ("fluid.flow.pores.solver=x", true),
+        ("fluid.flow.pores.step=x", true),
         ("fluid.flow.pores.conductance=x", true),
         ("face.top.water.pressure={x=1}", true),
         ("stage.fall.until={x=1}", true),

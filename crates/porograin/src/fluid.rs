@@ -5,13 +5,17 @@ use crate::grains::{Grains, Loads, sphere_volume};
 use crate::model::{Flow, FluidModel, Model};
 use crate::motion::pistons;
 use crate::pores::mesh::{Carried, Mesh, Walls};
-use crate::pores::{PoreState, Pores, Recipe, System, viscous};
+use crate::pores::{Memory, PoreState, Pores, Recipe, Stepping, System, viscous};
 use crate::state::State;
 use crate::step::StepError;
 use glam::DVec3;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::triangulation::wall;
 use serde::{Deserialize, Serialize};
+
+mod implicit;
+use implicit::Foreseen;
+pub use implicit::PAYS;
 
 /// What a restart needs of the water, by the choice of [`Flow`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,6 +32,7 @@ const LOOK_EVERY: u64 = 10;
 pub struct Scratch {
     made: Option<Made>,
     carried: Carried,
+    implicit: Foreseen,
 }
 
 /// A mesh and its factorised system, and what they were made of.
@@ -40,6 +45,11 @@ struct Made {
 }
 
 impl Scratch {
+    /// What local damping knows of `loads`, see [`motion::advance`](crate::motion::advance).
+    pub fn felt<'a>(&'a self, loads: &'a Loads) -> &'a Loads {
+        self.implicit.felt().unwrap_or(loads)
+    }
+
     /// The mesh in use, once there is one.
     pub fn mesh(&self) -> Option<&Mesh> {
         self.made.as_ref().map(|made| &made.mesh)
@@ -58,6 +68,8 @@ pub struct Report {
     pub iterations: usize,
     /// Relative residual of the pressure solve.
     pub residual: f64,
+    /// Whether the step was implicit.
+    pub implicit: bool,
 }
 
 /// Sees to it that the mesh belongs to the grains: makes the first one, makes a new one when a pore has deformed
@@ -112,6 +124,7 @@ fn renew(
         mesh_position: state.grains.position.clone(),
         mesh_cell: state.domain.cell,
         viscous_rate: 0.0,
+        implicit: None,
         pressure: Vec::new(),
         before: Vec::new(),
     }));
@@ -125,6 +138,15 @@ fn renew(
     let pistons = pistons(model, &state.grains);
     water.viscous_rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons)
         .map_err(|error| cannot_solve(error, &made.mesh, &state.grains))?;
+    let rate = water.viscous_rate;
+    let implicit = match pores.step {
+        Stepping::Explicit => false,
+        Stepping::Implicit => true,
+        Stepping::Auto => implicit::pays(state, model, rate),
+    };
+    if let Some(Fluid::Pores(water)) = &mut state.fluid {
+        water.implicit = implicit.then(Memory::default);
+    }
     Ok(())
 }
 
@@ -167,49 +189,79 @@ fn cannot_solve(error: porograin_linear::Error, mesh: &Mesh, grains: &Grains) ->
     ))
 }
 
-/// Solves for the pressures that the motion of grains and walls calls for.
+/// Solves for the pressures that the motion of grains and walls calls for: the motion before the step, or, in an
+/// implicit step, the one that `loads` and these pressures lead to.
 ///
 /// # Errors
 /// [`StepError::Fluid`] if the solve fails.
-pub fn advance(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result<Option<Report>, StepError> {
-    let (Some(made), Some(Fluid::Pores(water))) = (&mut scratch.made, &mut state.fluid) else {
-        return Ok(None);
-    };
-    let time = state.time - model.stage_start;
-    let held = std::array::from_fn(|face| match &model.faces[face].water {
-        Water::Pressure(signal) => signal.at(time),
-        Water::Sealed => 0.0,
-    });
-    let grains = &state.grains;
-    made.mesh.carried(&grains.velocity, &grains.spin, &state.domain.wall_velocity, &mut scratch.carried);
+pub fn advance(
+    loads: &Loads,
+    state: &mut State,
+    model: &Model,
+    dt: f64,
+    scratch: &mut Scratch,
+) -> Result<Option<Report>, StepError> {
+    let Scratch { made, carried, implicit: foreseen } = scratch;
+    foreseen.clear();
+    let (Some(Made { mesh, system, .. }), Some(fluid)) = (made, &model.fluid) else { return Ok(None) };
+    if state.pores().is_some_and(|water| water.implicit.is_some()) {
+        foreseen.foresee(loads, state, model, mesh, dt);
+    }
+    let State { grains, domain, fluid: Some(Fluid::Pores(water)), .. } = state else { return Ok(None) };
     // Pressures vary smoothly from step to step: start from where they were heading.
     for (now, before) in water.pressure.iter_mut().zip(&mut water.before) {
         let ahead = 2.0 * *now - *before;
         *before = *now;
         *now = ahead;
     }
-    let info = made
-        .system
-        .solve(&made.mesh, &scratch.carried.node, &held, &mut water.pressure)
-        .map_err(|error| cannot_solve(error, &made.mesh, grains))?;
-    Ok(Some(Report { iterations: info.iterations, residual: info.residual }))
+    let time = state.time - model.stage_start;
+    let held = std::array::from_fn(|face| match &model.faces[face].water {
+        Water::Pressure(signal) => signal.at(time),
+        Water::Sealed => 0.0,
+    });
+    mesh.hold(&held, &mut water.pressure);
+    let pressure = &mut water.pressure;
+    let info = match &mut water.implicit {
+        None => {
+            mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, carried);
+            system.solve(mesh, &carried.node, &held, pressure)
+        }
+        Some(memory) => {
+            let Flow::Pores(pores) = &fluid.flow;
+            foreseen.solve(system, mesh, grains, pores.implicit_residual, memory, pressure)
+        }
+    }
+    .map_err(|error| cannot_solve(error, mesh, grains))?;
+    let implicit = water.implicit.is_some();
+    Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit }))
 }
 
-/// Adds what the water does to grains and walls: pressure and viscous forces, and buoyancy `-rho_f g V`.
-///
-/// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
-pub fn add(loads: &mut Loads, state: &State, model: &Model, scratch: &Scratch) {
-    let (Some(made), Some(water), Some(fluid)) = (&scratch.made, state.pores(), &model.fluid) else { return };
+/// Adds buoyancy, `-rho_f g V`.
+pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
+    let Some(fluid) = &model.fluid else { return };
     let lift = -fluid.density * model.gravity;
     if lift != DVec3::ZERO {
-        for (force, &radius) in loads.force.iter_mut().zip(&state.grains.radius) {
+        for (force, &radius) in loads.force.iter_mut().zip(&grains.radius) {
             *force += lift * sphere_volume(radius);
         }
     }
+}
+
+/// Adds what the pressures do to grains and walls.
+///
+/// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
+pub fn add(loads: &mut Loads, state: &State, scratch: &Scratch) {
+    if let (Some(made), Some(water)) = (&scratch.made, state.pores()) {
+        push(loads, &made.mesh, &water.pressure);
+    }
+}
+
+/// The push of given pressures.
+fn push(loads: &mut Loads, mesh: &Mesh, pressure: &[f64]) {
     let walls = loads.wall;
-    made.mesh.add_loads(&water.pressure, loads);
+    mesh.add_loads(pressure, loads);
     for face in 0..6 {
-        if made.recipe.walls.open[face] {
+        if mesh.open[face] {
             loads.wall[face] = walls[face];
         }
     }

@@ -15,78 +15,148 @@ const PISTON_MASS_SHARE: f64 = 0.1;
 /// Grains handed to a thread at once.
 const BLOCK: usize = 1024;
 
+/// Velocities of everything that moves.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Velocities {
+    /// Of the centres of the grains [m/s].
+    pub grain: Vec<DVec3>,
+    /// Of the grains [rad/s].
+    pub spin: Vec<DVec3>,
+    /// Of the walls [m/s].
+    pub wall: [DVec3; 6],
+}
+
+impl Velocities {
+    /// `n` grains and all walls at rest, keeping the memory.
+    pub fn clear(&mut self, n: usize) {
+        for list in [&mut self.grain, &mut self.spin] {
+            list.clear();
+            list.resize(n, DVec3::ZERO);
+        }
+        self.wall = [DVec3::ZERO; 6];
+    }
+}
+
 /// Moves everything by one step of length `dt` [s]: velocities from `t - last/2` to `t + dt/2`, then positions to
 /// `t + dt` (physics §2). `last` is the length of the step before, zero when the velocities belong to `t` itself.
 ///
-/// `loads` are all loads at time `t`. Local damping (Catalano 2.15) takes `D |F|` from every component of the total
-/// load that speeds a grain, a spin or a piston up, and adds it where it slows down.
-pub fn advance(state: &mut State, model: &Model, loads: &Loads, dt: f64) {
-    let kick = 0.5 * (state.dt + dt);
-    move_walls(&mut state.domain, &state.grains, model, loads, state.time - model.stage_start, kick, dt);
-    move_grains(&mut state.grains, loads, model.damping, kick, dt);
+/// `loads` are all loads of the step. Local damping (Catalano 2.15) takes `D |F|` from every component that speeds a
+/// grain, a spin or a piston up, and adds it where it slows down. Its `F` is `felt`, the loads known at time `t`: all
+/// loads again, unless an implicit step finds some of them in its middle.
+pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt: f64) {
+    let kick = kick(state, dt);
+    state.domain.wall_force = loads.wall;
+    let moved = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
+    state.domain.wall_velocity = std::array::from_fn(moved);
+    move_walls(&mut state.domain, dt);
+    move_grains(&mut state.grains, loads, felt, model.damping, kick, dt);
     state.time += dt;
     state.dt = dt;
     state.step += 1;
 }
 
-fn move_grains(grains: &mut Grains, loads: &Loads, damping: f64, kick: f64, dt: f64) {
+/// How long the loads of a step of length `dt` act on the velocities [s].
+pub fn kick(state: &State, dt: f64) -> f64 {
+    0.5 * (state.dt + dt)
+}
+
+/// The velocities that [`advance`] would give to the grains, written to `out`; those of the walls are left to
+/// [`wall_motion`].
+pub fn foresee(state: &State, model: &Model, loads: &Loads, felt: &Loads, dt: f64, out: &mut Velocities) {
+    let (grains, damping, kick) = (&state.grains, model.damping, kick(state, dt));
+    out.grain.resize(grains.len(), DVec3::ZERO);
+    out.spin.resize(grains.len(), DVec3::ZERO);
+    (&mut out.grain, &mut out.spin).into_par_iter().with_min_len(BLOCK).enumerate().for_each(
+        |(i, (velocity, spin))| {
+            let (before, turning) = (grains.velocity[i], grains.spin[i]);
+            let force = damped(loads.force[i], felt.force[i], before, damping);
+            let torque = damped(loads.torque[i], felt.torque[i], turning, damping);
+            *velocity = before + kick / grains.mass[i] * force;
+            *spin = turning + kick / grains.inertia(i) * torque;
+        },
+    );
+}
+
+fn move_grains(grains: &mut Grains, loads: &Loads, felt: &Loads, damping: f64, kick: f64, dt: f64) {
     let Grains { position, velocity, spin, radius, mass, .. } = grains;
-    (position, velocity, spin, &*radius, &*mass, &loads.force, &loads.torque)
+    (position, velocity, spin, &*radius, &*mass, &loads.force, &loads.torque, &felt.force, &felt.torque)
         .into_par_iter()
         .with_min_len(BLOCK)
-        .for_each(|(position, velocity, spin, &radius, &mass, &force, &torque)| {
+        .for_each(|(position, velocity, spin, &radius, &mass, &force, &torque, &felt, &turned)| {
             let mobility = kick / mass;
-            *velocity += mobility * damped(force, *velocity, damping);
-            *spin += mobility / (0.4 * radius * radius) * damped(torque, *spin, damping);
+            *velocity += mobility * damped(force, felt, *velocity, damping);
+            *spin += mobility / (0.4 * radius * radius) * damped(torque, turned, *spin, damping);
             *position += dt * *velocity;
         });
 }
 
-/// The load less its local damping `D |F| sign(v)`, per component.
+/// The load less the local damping `D |felt| sign(v)`, per component.
 #[inline(always)]
-fn damped(load: DVec3, rate: DVec3, damping: f64) -> DVec3 {
-    let drag = |load: f64, rate: f64| {
+fn damped(load: DVec3, felt: DVec3, rate: DVec3, damping: f64) -> DVec3 {
+    let drag = |load: f64, felt: f64, rate: f64| {
         let sign = f64::from(rate > 0.0) - f64::from(rate < 0.0);
-        load - damping * load.abs() * sign
+        load - damping * felt.abs() * sign
     };
-    DVec3::new(drag(load.x, rate.x), drag(load.y, rate.y), drag(load.z, rate.z))
+    DVec3::new(drag(load.x, felt.x, rate.x), drag(load.y, felt.y, rate.y), drag(load.z, felt.z, rate.z))
 }
 
-/// `time` counts from the start of the stage.
-fn move_walls(
-    domain: &mut Domain,
-    grains: &Grains,
-    model: &Model,
-    loads: &Loads,
-    time: f64,
-    kick: f64,
-    dt: f64,
-) {
-    domain.wall_force = loads.wall;
-    for (face, rule) in model.faces.iter().enumerate() {
-        let outward = NORMALS[face];
-        domain.wall_velocity[face] = match &rule.solid {
-            Solid::Fixed => DVec3::ZERO,
-            Solid::Moving { velocity } => {
-                let part = |signal: &Signal| signal.at(time + 0.5 * dt);
-                DVec3::new(part(&velocity[0]), part(&velocity[1]), part(&velocity[2]))
-            }
-            Solid::Servo { stress, mass, speed } => {
-                let area = domain.area(face);
-                let (asked, pushed) = (stress.at(time), loads.wall[face].dot(outward));
-                let mass = piston_mass(*mass, grains);
-                let limit = speed.unwrap_or_else(|| {
-                    let along = domain.cell.upper() - domain.cell.origin;
-                    piston_speed(grains, along[face / 2], asked.abs().max(pushed.abs() / area))
-                });
-                let before = domain.wall_velocity[face].dot(outward);
-                let net = pushed - asked * area;
-                let drag = model.damping * net.abs() * (f64::from(before > 0.0) - f64::from(before < 0.0));
-                let after = (before + kick / mass * (net - drag)).clamp(-limit, limit);
-                after * outward
-            }
-        };
+/// What a push does to a wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WallMotion {
+    /// Velocity in the middle of the step [m/s]; of a piston, had it no limit.
+    pub velocity: DVec3,
+    /// What a further force along the outward normal adds to that velocity [m/s per N]; 0 unless a piston.
+    pub mobility: f64,
+    /// No piston is faster than this [m/s].
+    pub limit: f64,
+}
+
+impl WallMotion {
+    /// The velocity, within the limit of a piston.
+    pub fn allowed(&self) -> DVec3 {
+        // A piston moves along one axis, so that this holds its speed.
+        self.velocity.clamp(DVec3::splat(-self.limit), DVec3::splat(self.limit))
     }
+}
+
+/// How wall `face` moves in a step of length `dt` under the force `load` of grains and water; `felt` is the force
+/// at the beginning of the step, see [`advance`].
+pub fn wall_motion(
+    face: usize,
+    state: &State,
+    model: &Model,
+    load: DVec3,
+    felt: DVec3,
+    dt: f64,
+) -> WallMotion {
+    let (domain, grains) = (&state.domain, &state.grains);
+    let time = state.time - model.stage_start;
+    let decreed = |velocity| WallMotion { velocity, mobility: 0.0, limit: f64::INFINITY };
+    match &model.faces[face].solid {
+        Solid::Fixed => decreed(DVec3::ZERO),
+        Solid::Moving { velocity } => {
+            let part = |signal: &Signal| signal.at(time + 0.5 * dt);
+            decreed(DVec3::new(part(&velocity[0]), part(&velocity[1]), part(&velocity[2])))
+        }
+        Solid::Servo { stress, mass, speed } => {
+            let outward = NORMALS[face];
+            let (area, asked) = (domain.area(face), stress.at(time));
+            let known = felt.dot(outward);
+            let limit = speed.unwrap_or_else(|| {
+                let along = domain.cell.upper() - domain.cell.origin;
+                piston_speed(grains, along[face / 2], asked.abs().max(known.abs() / area))
+            });
+            let before = domain.wall_velocity[face].dot(outward);
+            let sign = f64::from(before > 0.0) - f64::from(before < 0.0);
+            let drag = model.damping * (known - asked * area).abs() * sign;
+            let mobility = kick(state, dt) / piston_mass(*mass, grains);
+            let after = before + mobility * (load.dot(outward) - asked * area - drag);
+            WallMotion { velocity: after * outward, mobility, limit }
+        }
+    }
+}
+
+fn move_walls(domain: &mut Domain, dt: f64) {
     let normal = |face: usize| domain.wall_velocity[face][face / 2];
     let lower = domain.cell.origin + dt * DVec3::new(normal(0), normal(2), normal(4));
     let upper = domain.cell.upper() + dt * DVec3::new(normal(1), normal(3), normal(5));

@@ -8,6 +8,7 @@ use crate::model::Model;
 use crate::output::folder::Folder;
 use crate::output::report;
 use crate::output::summary::{Sample, StageSummary, Terzaghi};
+use crate::pores::PoreState;
 use crate::progress::{Began, Done, Progress};
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
@@ -382,6 +383,7 @@ impl Sitting {
         entry.seconds += self.clock.elapsed().as_secs_f64();
         entry.add(&simulation.work.timers);
         entry.ended = ended.to_owned();
+        entry.water_step = simulation.state.pores().map(PoreState::stepping);
         folder.summary.stages.truncate(stage);
         folder.summary.stages.push(entry);
     }

@@ -73,11 +73,18 @@ pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64,
     }
 }
 
-/// What the viscous damping of the water leaves of the limit `2/omega` of the contacts: the positive root of
-/// `2 lambda dt + omega² dt² = 4` (`physics` §3b).
+/// The limit of the contacts, less what the water takes of it in explicit steps.
 pub fn with_water(contacts: Limit, state: &State) -> Limit {
-    let Some(water) = state.pores() else { return contacts };
-    let (lambda, omega) = (water.viscous_rate, 2.0 / contacts.seconds);
+    match state.pores() {
+        Some(water) if water.implicit.is_none() => explicit(contacts, water.viscous_rate),
+        _ => contacts,
+    }
+}
+
+/// What water that damps the grains at the rate `lambda` [1/s] leaves to an explicit step of the limit `2/omega` of the
+/// contacts: the positive root of `2 lambda dt + omega² dt² = 4` (`physics` §3b).
+pub fn explicit(contacts: Limit, lambda: f64) -> Limit {
+    let omega = 2.0 / contacts.seconds;
     let seconds = 4.0 / (lambda + (lambda * lambda + 4.0 * omega * omega).sqrt());
     // Of the four parts of the limit, the larger share names the cause.
     let cause = if 2.0 * lambda * seconds > 2.0 { Cause::Water } else { contacts.cause };

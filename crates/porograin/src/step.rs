@@ -67,17 +67,18 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     // What acts on each grain. Every line only adds to `loads`.
     loads.clear(grains.len());
     gravity::add(loads, grains, model.gravity);
+    fluid::lift(loads, grains, model);
     contact::add(loads, touching, &model.contact, &surroundings, state.dt, contacts);
     timers.lap("contact");
     let (dt, limit) = stability::time_step(state, model, held);
     timers.lap("time step");
-    let flow = fluid::advance(state, model, water)?;
+    let flow = fluid::advance(loads, state, model, dt, water)?;
     timers.lap("pressure");
-    fluid::add(loads, state, model, water);
+    fluid::add(loads, state, water);
     timers.lap("fluid");
 
     // Move.
-    motion::advance(state, model, loads, dt);
+    motion::advance(state, model, loads, water.felt(loads), dt);
     inside(state)?;
     timers.lap("motion");
     Ok(Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed })

@@ -51,6 +51,7 @@ fn sample(viscosity: f64) -> (State, Model) {
             density: 1000.0,
             flow: Flow::Pores(Pores {
                 remesh: porograin::pores::Remesh { strain: 2e-4 },
+                step: porograin::pores::Stepping::Explicit,
                 ..Pores::default()
             }),
         }),

@@ -5,7 +5,7 @@ use crate::boundary::{Domain, Signal, Slip, Solid, Water};
 use crate::measure::wall_stress;
 use crate::model::{Flow, FluidModel, Model};
 use crate::permeability::{PermeabilityError, Problem, measure};
-use crate::pores::{Conductance, Pores, Remesh, Solver};
+use crate::pores::{Conductance, Pores, Remesh, Solver, Stepping};
 use crate::state::State;
 use crate::step::StepError;
 use glam::DVec3;
@@ -176,6 +176,8 @@ fn model(stress: f64, viscosity: f64) -> Model {
         remesh: Remesh { strain: f64::INFINITY },
         residual: RESIDUAL,
         solver: Solver::Auto,
+        step: Stepping::Explicit,
+        ..Pores::default()
     };
     model.fluid = Some(FluidModel { viscosity, density: 1000.0, flow: Flow::Pores(pores) });
     model

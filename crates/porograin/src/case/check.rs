@@ -274,6 +274,8 @@ impl Case {
         match flow {
             Flow::Pores(pores) => {
                 self.number(&format!("{path}.pores.residual"), pores.residual, Range::Positive)?;
+                let path_implicit = format!("{path}.pores.implicit-residual");
+                self.number(&path_implicit, pores.implicit_residual, Range::Positive)?;
                 self.number(&format!("{path}.pores.remesh.strain"), pores.remesh.strain, Range::Positive)
             }
         }

@@ -3,7 +3,9 @@
 use super::{Case, CaseError, Plan};
 use crate::boundary::{Signal, Solid};
 use crate::contact::Law;
-use crate::model::{Model, TimeStep};
+use crate::fluid;
+use crate::model::{Flow, Model, TimeStep};
+use crate::pores::Stepping;
 use crate::stability;
 use serde::Serialize;
 
@@ -67,6 +69,10 @@ pub struct ImpliedWater {
     pub stokes: f64,
     /// `(H/2)² mu / (k E/4)`: consolidation with both ends drained, the sample four times softer than its contacts [s].
     pub consolidation: f64,
+    /// How many times the water would shorten an explicit step: `800 mu / (d sqrt(rho_s E))`.
+    pub shortens: f64,
+    /// Whether its steps will be implicit, by that estimate or by the case.
+    pub implicit: bool,
 }
 
 impl Case {
@@ -111,6 +117,8 @@ impl Case {
                 water: model.fluid.as_ref().map(|fluid| {
                     let (d, n) = (2.0 * mean, PACKED_POROSITY);
                     let height = self.domain.size[2];
+                    let Flow::Pores(pores) = &fluid.flow;
+                    let shortens = 800.0 * fluid.viscosity / (d * (self.grains.density * young).sqrt());
                     let permeability = d * d * n.powi(3) / (180.0 * (1.0 - n).powi(2));
                     let seepage = permeability / fluid.viscosity * stress.unwrap_or(0.0) / height;
                     ImpliedWater {
@@ -120,6 +128,11 @@ impl Case {
                         stokes: self.grains.density * seepage * d / (9.0 * fluid.viscosity),
                         consolidation: 0.25 * height * height * fluid.viscosity
                             / (permeability * young / 4.0),
+                        shortens,
+                        implicit: match pores.step {
+                            Stepping::Auto => shortens > fluid::PAYS,
+                            chosen => chosen == Stepping::Implicit,
+                        },
                     }
                 }),
             });

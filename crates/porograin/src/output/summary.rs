@@ -1,6 +1,7 @@
 //! `summary.json`: what a run did and what it found.
 
 use crate::consolidation::{Comparison, Consolidation, Point};
+use crate::pores::Stepping;
 use crate::timers::Timers;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -42,6 +43,9 @@ pub struct StageSummary {
     pub phases: BTreeMap<String, f64>,
     /// What ended it; `running` while it goes on.
     pub ended: String,
+    /// With water pore by pore: whether its steps are explicit or implicit, as chosen with the last mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub water_step: Option<Stepping>,
 }
 
 /// What was measured on the sample; `None` is what nobody measured.

@@ -55,6 +55,8 @@ pub struct Mesh {
     pub volume: Vec<f64>,
     /// The node of each pore.
     pub node: Vec<u32>,
+    /// Whether the pressure is imposed at each face of the box.
+    pub open: [bool; 6],
     /// The face that holds the pressure of each node, or [`FREE`].
     pub held: Vec<u8>,
     /// The number of each node among the free ones, or [`FIXED`].
@@ -173,6 +175,7 @@ impl Mesh {
                 .map(|pore| pore_volume(packing, &triangulation, pore))
                 .collect(),
             node,
+            open: walls.open,
             held,
             unknown,
             unknowns,
@@ -252,6 +255,15 @@ impl Mesh {
         self.held.len()
     }
 
+    /// Writes the pressure of each face [Pa] to the nodes it holds.
+    pub fn hold(&self, held: &[f64; 6], pressure: &mut [f64]) {
+        for (node, &face) in self.held.iter().enumerate() {
+            if face != FREE {
+                pressure[node] = held[face as usize];
+            }
+        }
+    }
+
     /// `Sᵀ (v, spin)`: the volume that moving grains and walls carry out of each node [m³/s], written to `out`
     /// (length nodes).
     pub fn carried(&self, velocity: &[DVec3], spin: &[DVec3], wall_velocity: &[DVec3; 6], out: &mut Carried) {
@@ -308,10 +320,15 @@ impl Mesh {
                 },
             );
         }
+        self.add_wall_loads(pressure, &mut loads.wall);
+    }
+
+    /// The part of [`add_loads`](Self::add_loads) that acts on the walls.
+    pub fn add_wall_loads(&self, pressure: &[f64], load: &mut [DVec3; 6]) {
         for &slot in &self.wall_slots {
             let (pore, k) = (slot as usize / 4, slot as usize % 4);
             let face = (self.triangulation.pores[pore][k] - FIRST_WALL) as usize;
-            loads.wall[face] += pressure[self.node[pore] as usize] * self.force[pore][k];
+            load[face] += pressure[self.node[pore] as usize] * self.force[pore][k];
         }
     }
 

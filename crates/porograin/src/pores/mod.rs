@@ -2,11 +2,13 @@
 
 pub mod conductance;
 pub mod coupling;
+pub mod implicit;
 pub mod mesh;
 pub mod pressure;
 pub mod viscous;
 
 pub use conductance::Conductance;
+pub use implicit::Memory;
 pub use mesh::{Census, Mesh, Walls};
 pub use pressure::System;
 
@@ -26,6 +28,10 @@ pub struct Pores {
     pub residual: f64,
     /// How to solve for the pressures.
     pub solver: Solver,
+    /// How the drag of the water enters a step.
+    pub step: Stepping,
+    /// Relative residual of the solve of an implicit step.
+    pub implicit_residual: f64,
 }
 
 impl Default for Pores {
@@ -35,6 +41,8 @@ impl Default for Pores {
             remesh: Remesh::default(),
             residual: 1e-8,
             solver: Solver::Auto,
+            step: Stepping::Auto,
+            implicit_residual: implicit::RESIDUAL,
         }
     }
 }
@@ -51,6 +59,19 @@ impl Default for Remesh {
     fn default() -> Self {
         Remesh { strain: 0.01 }
     }
+}
+
+/// How the drag of the water enters a step.
+#[derive(Default, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stepping {
+    /// Implicit where the water would shorten an explicit step much; chosen with each mesh.
+    #[default]
+    Auto,
+    /// From the velocities before the step: cheap, but the water limits the step.
+    Explicit,
+    /// Together with the velocities after the step: the water does not limit the step.
+    Implicit,
 }
 
 /// How to solve for the pressures.
@@ -101,8 +122,17 @@ pub struct PoreState {
     pub mesh_cell: Cell,
     /// How fast the water damps the grains at most [1/s]: what it leaves of the time step.
     pub viscous_rate: f64,
+    /// What an implicit step keeps; `None` while steps are explicit.
+    pub implicit: Option<Memory>,
     /// Excess pressure of each node [Pa].
     pub pressure: Vec<f64>,
     /// The same one step before [Pa].
     pub before: Vec<f64>,
+}
+
+impl PoreState {
+    /// How steps are made since the mesh was.
+    pub fn stepping(&self) -> Stepping {
+        if self.implicit.is_some() { Stepping::Implicit } else { Stepping::Explicit }
+    }
 }

@@ -1,18 +1,20 @@
 //! The pressures: `G p = -Sᵀ (v, spin) + G_D p_D` (Catalano 4.4 corrected), free nodes on the left, held ones on
 //! the right.
 
-use super::mesh::{FREE, Mesh};
+use super::mesh::Mesh;
 use porograin_linear::{Error, FIXED, Info, Matrix, Method, Params, Solver};
 
 /// The linear system of a mesh.
 pub struct System {
-    matrix: Matrix,
-    solver: Solver,
-    rhs: Vec<f64>,
-    free: Vec<f64>,
+    pub(super) matrix: Matrix,
+    pub(super) solver: Solver,
+    pub(super) rhs: Vec<f64>,
+    pub(super) free: Vec<f64>,
     /// No face holds a pressure: one node is held at zero for the solve, then the mean is taken out.
     pinned: bool,
-    unknown: Vec<u32>,
+    pub(super) unknown: Vec<u32>,
+    /// What the preconditioner was made for: implicit steps of this kick, or zero for `G` itself [s].
+    pub(super) prepared_for: f64,
 }
 
 impl System {
@@ -38,7 +40,15 @@ impl System {
         }
         let params = Params { method, tolerance: residual, expected_solves, ..Params::default() };
         let solver = Solver::new(&matrix, &params, Some(&position))?;
-        Ok(System { matrix, solver, rhs: vec![0.0; unknowns], free: vec![0.0; unknowns], pinned, unknown })
+        Ok(System {
+            matrix,
+            solver,
+            rhs: vec![0.0; unknowns],
+            free: vec![0.0; unknowns],
+            pinned,
+            unknown,
+            prepared_for: 0.0,
+        })
     }
 
     /// Solves for the pressures of the nodes.
@@ -55,11 +65,15 @@ impl System {
         held: &[f64; 6],
         pressure: &mut [f64],
     ) -> Result<Info, Error> {
-        for (node, &face) in mesh.held.iter().enumerate() {
-            if face != FREE {
-                pressure[node] = held[face as usize];
-            }
-        }
+        mesh.hold(held, pressure);
+        self.gather(mesh, carried, pressure);
+        let info = self.solver.solve(&self.matrix, &self.rhs, &mut self.free)?;
+        self.scatter(mesh, pressure);
+        Ok(info)
+    }
+
+    /// The right-hand side `-carried + G_D p_D` and the start of a solve from the pressures of all nodes.
+    pub(super) fn gather(&mut self, mesh: &Mesh, carried: &[f64], pressure: &[f64]) {
         let level = if self.pinned { pressure.first().copied().unwrap_or(0.0) } else { 0.0 };
         for (node, &unknown) in self.unknown.iter().enumerate() {
             if unknown != FIXED {
@@ -77,7 +91,10 @@ impl System {
                 }
             }
         }
-        let info = self.solver.solve(&self.matrix, &self.rhs, &mut self.free)?;
+    }
+
+    /// The solution, back to the nodes.
+    pub(super) fn scatter(&self, mesh: &Mesh, pressure: &mut [f64]) {
         for (node, &unknown) in self.unknown.iter().enumerate() {
             if unknown != FIXED {
                 pressure[node] = self.free[unknown as usize];
@@ -86,7 +103,6 @@ impl System {
         if self.pinned {
             self.take_out_mean(mesh, pressure);
         }
-        Ok(info)
     }
 
     fn take_out_mean(&self, mesh: &Mesh, pressure: &mut [f64]) {

@@ -1,0 +1,179 @@
+//! The implicit step: pressures found together with the velocities they lead to (`physics` §3b).
+//!
+//! The loads without the pressures would give the velocities `v*` in the middle of the step; the pressures make them
+//! `v = v* + k M⁻¹ S p`, k the time for which loads act on velocities, and must fit the flow that `v` calls for,
+//! `G p = -Sᵀ v`. So `(G + k Sᵀ M⁻¹ S) p = -Sᵀ v*`: symmetric, positive, and damped without a limit on the step.
+//! The operator is only ever applied; `G + 0.2 k diag(Sᵀ M⁻¹ S)` serves as preconditioner. The walls stay out of that
+//! diagonal, for they join far nodes.
+
+use super::mesh::{Carried, Mesh};
+use super::pressure::System;
+use crate::grains::{Grains, Loads};
+use crate::motion::Velocities;
+use porograin_geometry::cell::NORMALS;
+use porograin_geometry::triangulation::wall;
+use porograin_linear::{Error, FIXED, Info, Matrix, Operator};
+use serde::{Deserialize, Serialize};
+
+/// Relative residual of an implicit step, unless the case says otherwise.
+pub const RESIDUAL: f64 = 1e-4;
+/// Right-hand sides below this part of the largest since the mesh was made count as that: what is left to find in
+/// them is the noise of a sample at rest.
+const FLOOR: f64 = 1e-3;
+/// What the preconditioner takes of the diagonal of `Sᵀ M⁻¹ S`: with all of it the smooth modes, for which `S` all but
+/// cancels, would be far too stiff.
+const DIAGONAL: f64 = 0.2;
+/// What implicit steps keep from one to the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    /// The time for which loads act on velocities that the preconditioner was made for [s].
+    pub prepared_for: f64,
+    /// The largest right-hand side since the mesh was made [m³/s].
+    pub largest: f64,
+}
+
+/// How easily things move: `k M⁻¹`.
+#[derive(Clone, Copy, Debug)]
+pub struct Mobility<'a> {
+    /// The grains.
+    pub grains: &'a Grains,
+    /// The time for which loads act on velocities [s].
+    pub kick: f64,
+    /// Velocity of each wall along its normal per force [m/s per N]; zero unless it is a sealed piston.
+    pub wall: [f64; 6],
+}
+
+impl Mobility<'_> {
+    /// Adds `k M⁻¹ loads` to the velocities.
+    pub fn push(&self, loads: &Loads, velocities: &mut Velocities) {
+        let Velocities { grain, spin, wall } = velocities;
+        for (i, (velocity, spin)) in grain.iter_mut().zip(spin).enumerate() {
+            *velocity += self.kick / self.grains.mass[i] * loads.force[i];
+            *spin += self.kick / self.grains.inertia(i) * loads.torque[i];
+        }
+        for face in 0..6 {
+            wall[face] += self.wall[face] * loads.wall[face].dot(NORMALS[face]) * NORMALS[face];
+        }
+    }
+}
+
+/// What the operator needs room for.
+#[derive(Debug, Default)]
+pub struct Room {
+    pressure: Vec<f64>,
+    loads: Loads,
+    velocities: Velocities,
+    carried: Carried,
+}
+
+impl Room {
+    /// Adds `k M⁻¹ S p` of the held pressures alone to the velocities.
+    pub fn push_held(&mut self, mesh: &Mesh, mobility: &Mobility, pressure: &[f64], out: &mut Velocities) {
+        self.pressure.clear();
+        let held = |(node, &p): (usize, &f64)| if mesh.unknown[node] == FIXED { p } else { 0.0 };
+        self.pressure.extend(pressure.iter().enumerate().map(held));
+        if self.pressure.iter().any(|&p| p != 0.0) {
+            self.loads.clear(out.grain.len());
+            mesh.add_loads(&self.pressure, &mut self.loads);
+            mobility.push(&self.loads, out);
+        }
+    }
+}
+
+/// Makes the preconditioner for steps with this kick [s], unless it is there, and sets the relative residual to solve
+/// to. A preconditioner for kicks half or twice as long still serves.
+///
+/// # Errors
+/// Those of the solver.
+pub fn prepare(
+    system: &mut System,
+    mesh: &Mesh,
+    grains: &Grains,
+    memory: &mut Memory,
+    kick: f64,
+    residual: f64,
+) -> Result<(), Error> {
+    if !(0.5 * memory.prepared_for..=2.0 * memory.prepared_for).contains(&kick) {
+        memory.prepared_for = kick;
+    }
+    if system.prepared_for == memory.prepared_for {
+        return Ok(());
+    }
+    system.prepared_for = memory.prepared_for;
+    system.solver.params_mut().tolerance = residual;
+    let mut extra = vec![0.0; system.rhs.len()];
+    for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
+        let Some(sum) = extra.get_mut(system.unknown[mesh.node[pore] as usize] as usize) else { continue };
+        for (k, &vertex) in vertices.iter().enumerate() {
+            if wall(vertex).is_none() {
+                let i = vertex as usize;
+                *sum += mesh.force[pore][k].length_squared() / grains.mass[i]
+                    + mesh.torque[pore][k].length_squared() / grains.inertia(i);
+            }
+        }
+    }
+    extra.iter_mut().for_each(|e| *e *= DIAGONAL * memory.prepared_for);
+    let mut shifted = system.matrix.clone();
+    shifted.refresh(&mesh.conductance, &extra)?;
+    system.solver.refresh(&shifted)
+}
+
+/// Solves for the pressures of the nodes. `carried` is what moves out of each node with the velocities foreseen,
+/// those that the held pressures add included, less sources [m³/s]; `pressure` holds held values and the start, and
+/// receives the solution [Pa].
+///
+/// # Errors
+/// Those of the solver.
+pub fn solve(
+    system: &mut System,
+    mesh: &Mesh,
+    mobility: &Mobility,
+    memory: &mut Memory,
+    carried: &[f64],
+    pressure: &mut [f64],
+    room: &mut Room,
+) -> Result<Info, Error> {
+    system.gather(mesh, carried, pressure);
+    let System { matrix, solver, rhs, free, unknown, .. } = &mut *system;
+    let size = rhs.iter().map(|b| b * b).sum::<f64>().sqrt();
+    memory.largest = memory.largest.max(size);
+    solver.params_mut().floor = FLOOR * memory.largest;
+    let mut operator = Step { mesh, matrix, unknown, mobility, room };
+    let info = solver.solve_operator(&mut operator, rhs, free)?;
+    system.scatter(mesh, pressure);
+    Ok(info)
+}
+
+/// `G + k Sᵀ M⁻¹ S`.
+struct Step<'a> {
+    mesh: &'a Mesh,
+    matrix: &'a Matrix,
+    unknown: &'a [u32],
+    mobility: &'a Mobility<'a>,
+    room: &'a mut Room,
+}
+
+impl Operator for Step<'_> {
+    fn nodes(&self) -> usize {
+        self.matrix.nodes()
+    }
+
+    fn apply(&mut self, x: &[f64], y: &mut [f64]) {
+        let Room { pressure, loads, velocities, carried } = &mut *self.room;
+        pressure.clear();
+        pressure.extend(self.unknown.iter().map(|&u| x.get(u as usize).copied().unwrap_or(0.0)));
+        let n = self.mobility.grains.len();
+        loads.clear(n);
+        self.mesh.add_loads(pressure, loads);
+        velocities.clear(n);
+        self.mobility.push(loads, velocities);
+        self.mesh.carried(&velocities.grain, &velocities.spin, &velocities.wall, carried);
+        let mut matrix = self.matrix;
+        matrix.apply(x, y);
+        for (&u, &carried) in self.unknown.iter().zip(&carried.node) {
+            if u != FIXED {
+                y[u as usize] += carried;
+            }
+        }
+    }
+}

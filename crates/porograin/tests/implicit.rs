@@ -1,0 +1,228 @@
+//! The implicit step: what it solves, that it is stable far beyond the limit of explicit ones, and that both tell the
+//! same story.
+
+use glam::DVec3;
+use porograin::boundary::{Face, Signal, Solid, Water};
+use porograin::contact::{Contacts, Law, Linear};
+use porograin::pores::mesh::Carried;
+use porograin::pores::{Pores, Stepping};
+use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, measure, packing, step};
+
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+    fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
+    }
+}
+
+/// A dense cloud pressed at 5 kPa from all sides until it rests, then given water and a load on the top.
+fn pressed(count: usize) -> (State, Model) {
+    let domain = Domain::walled(DVec3::ZERO, DVec3::splat(0.03));
+    let grains = packing::cloud(&domain.cell, count, 0.2, 3, 0.7, 2600.0).unwrap();
+    let contacts = Contacts::default();
+    let mut state = State { time: 0.0, step: 0, dt: 0.0, domain, grains, contacts, fluid: None };
+    let mut faces: [Face; 6] = Default::default();
+    for face in &mut faces {
+        face.solid = Solid::Servo { stress: Signal::Constant(5e3), mass: None, speed: None };
+    }
+    let mut model = Model {
+        time_step: TimeStep::Automatic { safety: 0.8 },
+        gravity: DVec3::ZERO,
+        contact: Law::Linear(Linear { young: 15e6, stiffness_ratio: 0.5, friction: 5.0 }),
+        damping: 0.3,
+        faces,
+        fluid: None,
+        stage_start: 0.0,
+    };
+    let mut work = Work::default();
+    while state.step < 500 || measure::unbalanced(&state, &model, &work.loads) > 1e-3 {
+        step(&mut state, &model, &mut work).unwrap();
+        assert!(state.step < 30_000);
+    }
+    let Law::Linear(linear) = &mut model.contact;
+    linear.friction = 30.0;
+    model.damping = 0.0;
+    for face in 0..5 {
+        model.faces[face].solid = Solid::Fixed;
+    }
+    model.faces[5].solid = Solid::Servo { stress: Signal::Constant(10e3), mass: None, speed: None };
+    for face in [4, 5] {
+        model.faces[face].water = Water::Pressure(Signal::Constant(0.0));
+    }
+    (state, model)
+}
+
+fn water(viscosity: f64, step: Stepping) -> Option<FluidModel> {
+    let pores = Pores { step, ..Pores::default() };
+    Some(FluidModel { viscosity, density: 1000.0, flow: Flow::Pores(pores) })
+}
+
+/// Runs for `steps`; the last settlement [m], and the sum of iterations.
+fn settle(start: &State, model: &Model, steps: usize) -> (State, usize) {
+    let (mut state, mut work, mut iterations) = (start.clone(), Work::default(), 0);
+    for _ in 0..steps {
+        iterations += step(&mut state, model, &mut work).unwrap().water.unwrap().iterations;
+    }
+    (state, iterations)
+}
+
+fn settlement(before: &State, after: &State) -> f64 {
+    measure::settlement(&before.domain, &after.domain, 5)
+}
+
+#[test]
+fn the_new_velocities_and_the_pressures_fit() {
+    let (start, mut model) = pressed(200);
+    // Sealed pistons at the sides, one of them held to a crawl, a wall that moves by decree, and local damping.
+    let servo = |speed| Solid::Servo { stress: Signal::Constant(8e3), mass: None, speed };
+    model.faces[0].solid = servo(None);
+    model.faces[2].solid = servo(Some(1e-7));
+    model.faces[3].solid = Solid::Moving { velocity: [0.0, -1e-3, 0.0].map(Signal::Constant) };
+    model.faces[5].water = Water::Pressure(Signal::Constant(1e3));
+    model.damping = 0.2;
+    let pores = Pores { step: Stepping::Implicit, implicit_residual: 1e-11, ..Pores::default() };
+    model.fluid = Some(FluidModel { viscosity: 40.0, density: 1000.0, flow: Flow::Pores(pores) });
+    let (mut state, mut work) = (start, Work::default());
+    for _ in 0..20 {
+        step(&mut state, &model, &mut work).unwrap();
+        let (mesh, pressure) = (work.fluid.mesh().unwrap(), &state.pores().unwrap().pressure);
+        let mut moved = Carried::default();
+        let State { grains, domain, .. } = &state;
+        mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut moved);
+        let flow = porograin::permeability::outflow(mesh, pressure);
+        let size = |x: f64, y: f64| x.abs().max(y.abs());
+        let largest = moved.node.iter().copied().fold(0.0, size);
+        let free = (0..mesh.nodes()).filter(|&node| mesh.unknown[node] != u32::MAX);
+        let worst = free.map(|node| moved.node[node] + flow[node]).fold(0.0, size);
+        assert!(worst < 1e-7 * largest, "{worst} {largest}");
+    }
+    assert_eq!(state.domain.wall_velocity[2].y.abs(), 1e-7);
+    assert!(state.domain.wall_velocity[0].x != 0.0);
+}
+
+/// Grains of very different sizes that hover apart in a closed box and fly about at random.
+fn suspension(step: Stepping) -> (State, Model) {
+    let domain = Domain::walled(DVec3::ZERO, DVec3::splat(0.02));
+    let mut random = Random(9);
+    let (mut x, mut r): (Vec<DVec3>, Vec<f64>) = (Vec::new(), Vec::new());
+    while x.len() < 150 {
+        let radius = 2.5e-3 * 6f64.powf(-(x.len() as f64 / 150.0));
+        let p = (random.vector() + 0.5) * (0.02 - 2.0 * radius) + radius;
+        if x.iter().zip(&r).all(|(q, b)| q.distance(p) > 1.02 * (radius + b)) {
+            x.push(p);
+            r.push(radius);
+        }
+    }
+    let mut grains = Grains::at_rest(x, r, 2600.0);
+    for i in 0..grains.len() {
+        grains.velocity[i] = random.vector() * 1e-6;
+        grains.spin[i] = random.vector() * 1e-3;
+    }
+    let contacts = Contacts::default();
+    let state = State { time: 0.0, step: 0, dt: 0.0, domain, grains, contacts, fluid: None };
+    let model = Model {
+        time_step: TimeStep::Fixed(1e-12),
+        gravity: DVec3::ZERO,
+        contact: Law::Linear(Linear { young: 1e6, stiffness_ratio: 0.5, friction: 30.0 }),
+        damping: 0.0,
+        faces: Default::default(),
+        fluid: water(1.0, step),
+        stage_start: 0.0,
+    };
+    (state, model)
+}
+
+#[test]
+fn the_water_never_gives_energy_to_an_undriven_suspension() {
+    for (stepping, times) in
+        [(Stepping::Explicit, 0.95), (Stepping::Implicit, 10.0), (Stepping::Implicit, 1e3)]
+    {
+        let (mut state, mut model) = suspension(stepping);
+        let mut work = Work::default();
+        step(&mut state, &model, &mut work).unwrap();
+        model.time_step = TimeStep::Fixed(times * 2.0 / state.pores().unwrap().viscous_rate);
+        let first = measure::kinetic_energy(&state.grains);
+        let mut energy = first;
+        for _ in 0..100 {
+            step(&mut state, &model, &mut work).unwrap();
+            let now = measure::kinetic_energy(&state.grains);
+            // What the solve leaves over may stir the last digits.
+            assert!(
+                now <= energy * (1.0 + 1e-9) + 1e-9 * first,
+                "{stepping:?} {times}: {energy:e} to {now:e}"
+            );
+            energy = now;
+        }
+        assert!(energy < 0.9 * first, "{stepping:?} {times}: {first:e} to {energy:e}");
+    }
+}
+
+#[test]
+fn implicit_steps_tell_the_story_of_explicit_ones_with_fewer() {
+    let (start, mut model) = pressed(300);
+    model.time_step = TimeStep::Automatic { safety: 0.8 };
+    model.fluid = water(8.0, Stepping::Auto);
+    let (state, iterations) = settle(&start, &model, 700);
+    let at = state.time - start.time;
+    assert!(state.pores().unwrap().implicit.is_some(), "the water limits the step more than three times");
+    assert!(iterations < 10 * 700, "{iterations}");
+    model.fluid = water(8.0, Stepping::Explicit);
+    let (mut explicit, mut work) = (start.clone(), Work::default());
+    let mut steps = 0;
+    while explicit.time - start.time < at {
+        step(&mut explicit, &model, &mut work).unwrap();
+        steps += 1;
+    }
+    let (a, b) = (settlement(&start, &state), settlement(&start, &explicit));
+    assert!(steps > 5 * 700 && (a / b - 1.0).abs() < 0.01, "{a:e} {b:e} {steps}");
+}
+
+#[test]
+fn implicit_steps_are_stable_at_a_thousand_times_the_explicit_limit() {
+    let (start, mut model) = pressed(200);
+    model.fluid = water(8000.0, Stepping::Implicit);
+    let (state, _) = settle(&start, &model, 1500);
+    let rate = state.pores().unwrap().viscous_rate;
+    assert!(state.dt > 1e3 * 2.0 / rate, "{} {rate}", state.dt);
+    // What settles so slowly is at rest but for the piston's first push.
+    let speed = state.grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max);
+    assert!(
+        speed < 1e-3 && settlement(&start, &state).abs() < 1e-4,
+        "{speed} {}",
+        settlement(&start, &state)
+    );
+}
+
+#[test]
+fn the_same_bits_on_any_number_of_threads_and_without_scratch() {
+    let (start, mut model) = pressed(150);
+    let pores = Pores {
+        remesh: porograin::pores::Remesh { strain: 1e-4 },
+        step: Stepping::Implicit,
+        ..Pores::default()
+    };
+    model.fluid = Some(FluidModel { viscosity: 8.0, density: 1000.0, flow: Flow::Pores(pores) });
+    model.damping = 0.1;
+    let run = |threads: usize, drop_every: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let (mut state, mut work, mut meshes) = (start.clone(), Work::default(), 0);
+            for k in 1..=150 {
+                meshes += usize::from(step(&mut state, &model, &mut work).unwrap().remeshed.is_some());
+                if k % drop_every == 0 {
+                    work = Work::default();
+                }
+            }
+            (state, meshes)
+        })
+    };
+    let (one, meshes) = run(1, 1000);
+    assert!(meshes > 0, "the run should make a new mesh on its way");
+    assert!(one == run(2, 1000).0);
+    assert!(one == run(2, 7).0);
+}
