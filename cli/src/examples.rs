@@ -23,7 +23,13 @@ const EXAMPLES: &[Example] = &[Example {
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.
 const CHOICES: &[(&str, &[(&str, &str)])] = &[
-    ("contact laws", &[("linear", "linear springs with Coulomb friction")]),
+    (
+        "contact laws",
+        &[
+            ("linear", "linear springs with Coulomb friction"),
+            ("hertz-mindlin", "springs of elastic spheres with Coulomb friction"),
+        ],
+    ),
     (
         "boundary rules, solid",
         &[

@@ -3,7 +3,7 @@
 //! `cargo run --release -p porograin --example dense_packing -- 5000 benches/packings/dense-5000.csv`
 
 use glam::DVec3;
-use porograin::contact::{Contacts, Law};
+use porograin::contact::Contacts;
 use porograin::{Domain, Face, Signal, Solid, State, Work, bench, measure, packing, step};
 use std::fmt::Write as _;
 
@@ -39,8 +39,7 @@ fn dense(count: usize) -> Result<State, Box<dyn std::error::Error + Send + Sync>
     let domain = Domain::walled(DVec3::ZERO, DVec3::splat(size));
     let mut grains = packing::cloud(&domain.cell, count, 0.2, 7, 0.75, bench::DENSITY)?;
     let mut model = bench::dry_model();
-    let Law::Linear(linear) = &mut model.contact;
-    linear.friction = 5.0;
+    model.contact.set_friction(5.0);
     let piston = Solid::Servo { stress: Signal::Constant(5e3), mass: None, speed: None };
     for face in [1, 3, 5] {
         model.faces[face] = Face { solid: piston.clone(), ..Face::default() };

@@ -19,6 +19,8 @@ pub struct Grains {
     pub radius: Vec<f64>,
     /// Masses [kg].
     pub mass: Vec<f64>,
+    /// What they are made of: a number the [laws](crate::contact::Laws) tell apart; all 0 where the case names none.
+    pub material: Vec<u16>,
     /// The number a user knows the grain by (its line in the input, its order of creation): the arrays are kept in
     /// space-filling order, outputs are written in order of `id`.
     pub id: Vec<u32>,
@@ -32,6 +34,7 @@ impl Grains {
             velocity: vec![DVec3::ZERO; n],
             spin: vec![DVec3::ZERO; n],
             mass: radius.iter().map(|&r| density * sphere_volume(r)).collect(),
+            material: vec![0; n],
             id: (0..n as u32).collect(),
             position,
             radius,

@@ -1,7 +1,7 @@
 //! What the case says: values that never change during a step.
 
 use crate::boundary::Face;
-use crate::contact::Law;
+use crate::contact::Laws;
 use crate::pores::Pores;
 use glam::DVec3;
 use serde::Deserialize;
@@ -13,8 +13,8 @@ pub struct Model {
     pub time_step: TimeStep,
     /// [m/s²]
     pub gravity: DVec3,
-    /// The law of every contact.
-    pub contact: Law,
+    /// The laws of the contacts.
+    pub contact: Laws,
     /// Cundall's local damping D (Catalano 2.15) [-], on grains and servoed walls.
     pub damping: f64,
     /// Rules of the six faces.

@@ -113,6 +113,7 @@ pub fn ordered(cell: &Cell, grains: Grains) -> Grains {
         spin: pick(&grains.spin, &order),
         radius: pick(&grains.radius, &order),
         mass: pick(&grains.mass, &order),
+        material: pick(&grains.material, &order),
         id: pick(&grains.id, &order),
     }
 }

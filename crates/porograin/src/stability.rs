@@ -9,7 +9,7 @@
 //! the vector `sum k_t (l/rho) n`; so the bound needs two symmetric 3 x 3 eigenvalues per grain and does not depend
 //! on the choice of axes.
 
-use crate::contact::{ContactLaw, Surroundings, Touch};
+use crate::contact::{ContactLaw, Law, Laws, Memory, Stiffness, Surroundings, Touch};
 use crate::grains::Grains;
 use crate::model::{Model, RENEW_EVERY, TimeStep};
 use crate::state::State;
@@ -101,15 +101,20 @@ pub struct Held {
 }
 
 impl Held {
-    fn add(&mut self, n: DVec3, normal: f64, shear: f64, lever: f64) {
+    /// A contact on the side its normal `n` points away from, `lever` and `gyration` from the centre [m].
+    fn add(&mut self, n: DVec3, share: f64, stiffness: &Stiffness, lever: f64, gyration: f64) {
         let squares = [n.x * n.x, n.y * n.y, n.z * n.z, n.y * n.z, n.x * n.z, n.x * n.y];
-        for (sum, part) in self.along.iter_mut().zip([normal - shear, -shear * lever * lever]) {
+        let (normal, shear, lever) = (share * stiffness.normal, share * stiffness.shear, lever / gyration);
+        let per_inertia = share / (gyration * gyration);
+        let (roll, twist) = (per_inertia * stiffness.roll, per_inertia * stiffness.twist);
+        let across = shear * lever * lever + roll;
+        for (sum, part) in self.along.iter_mut().zip([normal - shear, twist - across]) {
             for (s, q) in sum.iter_mut().zip(squares) {
                 *s += part * q;
             }
         }
         self.isotropic[0] += shear;
-        self.isotropic[1] += shear * lever * lever;
+        self.isotropic[1] += across;
         self.across += shear * lever * n;
         self.contacts += 1;
     }
@@ -126,22 +131,27 @@ impl Held {
 /// from three sides by twins as stiff as its contact with the largest grain, so that grains in flight, and
 /// contacts that form before the next look, are provided for.
 pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
-    let (grains, law) = (&state.grains, model.contact.as_law());
-    let surroundings = Surroundings::new(grains, &state.domain, &model.faces, law.friction());
+    let (grains, laws) = (&state.grains, &model.contact);
+    let surroundings = Surroundings::new(grains, &state.domain, &model.faces, laws);
+    let n = grains.len();
+    // Behind the springs of all grains, where there are any, their dampers.
     held.clear();
-    held.resize(grains.len(), Held::default());
+    held.resize(if laws.is_plain() { n } else { 2 * n }, Held::default());
     let pistons = crate::motion::pistons(model, grains);
-    let mut piston = [0.0; 6];
+    let mut piston = [[0.0; 2]; 6];
     for &pair in &state.contacts.pairs {
         let touch = surroundings.touch(pair);
-        let stiffness = law.stiffness(&touch);
+        let stiffness = surroundings.law(pair).stiffness(&touch);
         let levers = touch.levers();
         let i = pair[0] as usize;
         let mut hold = |k: usize, side: usize, other: f64| {
             let share = (1.0 + (grains.mass[k] / other).sqrt()) / grains.mass[k];
-            let lever = levers[side] / (0.4_f64.sqrt() * grains.radius[k]);
-            let sign = if side == 0 { 1.0 } else { -1.0 };
-            held[k].add(sign * touch.normal, share * stiffness.normal, share * stiffness.shear, lever);
+            let normal = if side == 0 { touch.normal } else { -touch.normal };
+            let gyration = 0.4_f64.sqrt() * grains.radius[k];
+            held[k].add(normal, share, &stiffness, levers[side], gyration);
+            if let Some(held) = held.get_mut(n + k) {
+                held.add(normal, share, &stiffness.dampers(), levers[side], gyration);
+            }
         };
         match wall(pair[1]) {
             None => {
@@ -151,34 +161,87 @@ pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
             Some(face) => {
                 hold(i, 0, pistons[face].unwrap_or(f64::INFINITY));
                 if let Some(mass) = pistons[face] {
-                    piston[face] += (1.0 + (mass / grains.mass[i]).sqrt()) * stiffness.normal / mass;
+                    let share = (1.0 + (mass / grains.mass[i]).sqrt()) / mass;
+                    piston[face][0] += share * stiffness.normal;
+                    piston[face][1] += share * stiffness.normal_damper;
                 }
             }
         }
     }
     let mut worst = (0.0, Cause::Nothing);
+    let mut claim = |pace: f64, cause: Cause| {
+        if pace > worst.0 {
+            worst = (pace, cause);
+        }
+    };
     let largest = grains.radius.iter().fold(0.0, |a: f64, &r| a.max(r));
-    for (k, held) in held.iter().enumerate() {
-        let flight = in_flight(law, grains, k, largest);
-        let bound = if held.contacts > 0 { held.bound() } else { 0.0 };
-        if bound.max(flight) > worst.0 {
-            let id = grains.id[k];
-            worst = (bound.max(flight), if bound >= flight { Cause::Grain(id) } else { Cause::Flight(id) });
+    let fastest = grains.velocity.iter().fold(0.0, |a: f64, v| a.max(v.length_squared())).sqrt();
+    let mut flight = Flight { laws, largest, fastest, last: None };
+    for k in 0..n {
+        claim(flight.pace(grains, k), Cause::Flight(grains.id[k]));
+        let damper = held.get(n + k).map_or(0.0, Held::bound);
+        if held[k].contacts > 0 {
+            claim(pace(held[k].bound(), damper), Cause::Grain(grains.id[k]));
         }
     }
     for face in 0..6 {
-        if piston[face] > worst.0 {
-            worst = (piston[face], Cause::Piston(face));
-        }
+        claim(pace(piston[face][0], piston[face][1]), Cause::Piston(face));
     }
-    Limit { seconds: 2.0 / worst.0.sqrt(), cause: worst.1 }
+    Limit { seconds: 1.0 / worst.0, cause: worst.1 }
 }
 
-/// Squared frequency of a grain between three pairs of hands, each as stiff as its contact with the largest grain.
-fn in_flight(law: &dyn ContactLaw, grains: &Grains, k: usize, largest: f64) -> f64 {
-    let stiffness = law.stiffness(&Touch::prospective([grains.radius[k], largest], 0.0));
-    let (translation, rotation) = (stiffness.normal + 2.0 * stiffness.shear, 5.0 * stiffness.shear);
-    2.0 * translation.max(rotation) / grains.mass[k]
+/// The inverse of the longest stable step of an oscillator with this squared frequency and damping rate `c/m`, the damper
+/// fed with the velocity of half a step ago: the positive root of `2 rate dt + squared dt² = 4` [1/s].
+fn pace(squared: f64, rate: f64) -> f64 {
+    0.25 * (rate + (rate * rate + 4.0 * squared).sqrt())
+}
+
+/// Grains between three pairs of hands, each as stiff as their contact with the largest grain.
+struct Flight<'a> {
+    laws: &'a Laws,
+    /// Largest radius [m].
+    largest: f64,
+    /// Greatest speed [m/s].
+    fastest: f64,
+    /// Radius, mass and pace of the grain before, often the same.
+    last: Option<[f64; 3]>,
+}
+
+/// Least overlap, in terms of the smaller radius, at which the stiffness of contacts to come is taken: there are springs
+/// that are soft where grains just meet.
+const MEETING: f64 = 1e-3;
+
+impl Flight<'_> {
+    fn pace(&mut self, grains: &Grains, k: usize) -> f64 {
+        let (radius, mass) = (grains.radius[k], grains.mass[k]);
+        if let Some([r, m, pace]) = self.last
+            && r == radius
+            && m == mass
+        {
+            return pace;
+        }
+        let laws = std::iter::once(&self.laws.all).chain(self.laws.pairs.iter().map(|pair| &pair.law));
+        let pace = laws.map(|law| self.under(law, radius, mass)).fold(0.0, f64::max);
+        self.last = Some([radius, mass, pace]);
+        pace
+    }
+
+    fn under(&self, law: &Law, radius: f64, mass: f64) -> f64 {
+        let at = |overlap: f64| Touch::prospective([radius, self.largest], overlap, mass);
+        // Two grains at the greatest speed meet head on; the energy `~ d^(5/2)` of the spring of Hertz says how deep.
+        let least = MEETING * radius.min(self.largest);
+        let energy = 0.5 * mass * (2.0 * self.fastest).powi(2);
+        let known = law.energy(&at(least), &Memory::default());
+        let stiffness = law.stiffness(&at(least * (energy / known).max(1.0).powf(0.4)));
+        let worst = |normal: f64, shear: f64, turning: f64| {
+            2.0 * (normal + 2.0 * shear).max(5.0 * shear + turning) / mass
+        };
+        let turning = 2.5 * (2.0 * stiffness.roll + stiffness.twist) / (radius * radius);
+        pace(
+            worst(stiffness.normal, stiffness.shear, turning),
+            worst(stiffness.normal_damper, stiffness.shear_damper, 0.0),
+        )
+    }
 }
 
 /// Largest eigenvalue of a symmetric 3 x 3 matrix `[xx, yy, zz, yz, xz, xy]`, by the trigonometric formula.

@@ -57,10 +57,10 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     // Who is near whom.
     let remeshed = fluid::follow(state, model, water)?;
     timers.lap("mesh");
-    let law = model.contact.as_law();
     let State { grains, domain, contacts: touching, .. } = state;
-    let rebuilt = neighbours.refresh(&domain.cell, &grains.position, &grains.radius, law.reach());
-    let surroundings = Surroundings::new(grains, domain, &model.faces, law.friction());
+    let rebuilt =
+        neighbours.refresh(&domain.cell, &grains.position, &grains.radius, model.contact.reach(grains));
+    let surroundings = Surroundings::new(grains, domain, &model.faces, &model.contact);
     contact::follow(touching, &surroundings, &neighbours.pairs, rebuilt, contacts);
     timers.lap("neighbours");
 
@@ -68,7 +68,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     loads.clear(grains.len());
     gravity::add(loads, grains, model.gravity);
     fluid::lift(loads, grains, model);
-    contact::add(loads, touching, &model.contact, &surroundings, state.dt, contacts);
+    contact::add(loads, touching, &surroundings, state.dt, contacts);
     timers.lap("contact");
     let (dt, limit) = stability::time_step(state, model, held);
     timers.lap("time step");

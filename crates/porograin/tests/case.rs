@@ -58,9 +58,7 @@ fn a_case_becomes_models() {
     assert_eq!(load.faces[3].solid, Solid::Fixed);
     assert_eq!(load.faces[5].water, Water::Pressure(Signal::Constant(0.0)));
     assert!(matches!(load.faces[5].solid, Solid::Servo { .. }));
-    let porograin::contact::Law::Linear(confined) = &confine.contact;
-    let porograin::contact::Law::Linear(loaded) = &load.contact;
-    assert_eq!((confined.friction, loaded.friction), (3.0, 30.0));
+    assert_eq!((confine.contact.all.friction(), load.contact.all.friction()), (3.0, 30.0));
     let fluid = load.fluid.unwrap();
     let Flow::Pores(pores) = fluid.flow;
     assert_eq!((fluid.viscosity, fluid.density, pores.remesh.strain), (4.0, 1000.0, 0.01));
@@ -79,8 +77,7 @@ fn overrides_reach_any_value_and_stand_in_the_text_as_run() {
         ],
     )
     .unwrap();
-    let porograin::contact::Law::Linear(law) = &case.contact;
-    assert_eq!(law.friction, 20.0);
+    assert_eq!(case.contact.friction(), 20.0);
     assert_eq!(case.stage[1].until.time, Some(0.25));
     assert_eq!(case.fluid.as_ref().unwrap().density, 900.0);
     assert_eq!((case.title.as_str(), case.domain.size), ("short", [0.1, 0.1, 0.2]));
@@ -95,7 +92,7 @@ fn wrong_keys_and_types_are_shown_with_a_caret() {
     assert_eq!(
         shown,
         "unknown key `yuong` in `contact.linear`\n --> case.toml:9:1\n  |\n9 | yuong = 15e6\n  | ^^^^^ did you mean \
-         young? allowed here: young, stiffness-ratio, friction"
+         young? allowed here: young, stiffness-ratio, friction, restitution"
     );
     let shown = refused(&GOOD.replace("15e6", "\"stiff\""), &[]);
     assert!(
@@ -138,7 +135,7 @@ fn a_wrong_override_is_blamed_and_lines_are_those_of_the_file() {
     assert_eq!(
         shown,
         "unknown key `frction` in `contact.linear`\n --> --set\n  |\n  | --set contact.linear.frction=20\n  |       \
-         ^^^^^^^^^^^^^^^^^^^^^^^^^ did you mean friction? allowed here: young, stiffness-ratio, friction"
+         ^^^^^^^^^^^^^^^^^^^^^^^^^ did you mean friction? allowed here: young, stiffness-ratio, friction, restitution"
     );
     let shown = refused(GOOD, &["contact.linear.friction=much"]);
     assert!(shown.starts_with("expected a number, found the text \"much\""), "{shown}");

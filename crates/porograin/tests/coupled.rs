@@ -43,7 +43,7 @@ fn sample(viscosity: f64) -> (State, Model) {
     let model = Model {
         time_step: TimeStep::Automatic { safety: 0.8 },
         gravity: DVec3::new(0.0, 0.0, -9.81),
-        contact: Law::Linear(Linear { young: 15e6, stiffness_ratio: 0.5, friction: 30.0 }),
+        contact: Law::Linear(Linear::new(15e6, 0.5, 30.0)).into(),
         damping: 0.0,
         faces,
         fluid: Some(FluidModel {

@@ -8,7 +8,7 @@ fn model(stiffness_ratio: f64, friction: f64) -> Model {
     Model {
         time_step: TimeStep::Automatic { safety: 0.3 },
         gravity: DVec3::ZERO,
-        contact: Law::Linear(Linear { young: 1e6, stiffness_ratio, friction }),
+        contact: Law::Linear(Linear::new(1e6, stiffness_ratio, friction)).into(),
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction, ..Face::default() }),
         fluid: None,
@@ -99,7 +99,7 @@ fn a_head_on_collision_keeps_the_energy_to_second_order() {
 fn a_sliding_sphere_rolls_at_five_sevenths() {
     let gravity = 10.0;
     let mut model = Model { gravity: DVec3::new(0.0, 0.0, -gravity), ..model(0.5, 20.0) };
-    model.contact = Law::Linear(Linear { young: 1e8, stiffness_ratio: 0.5, friction: 20.0 });
+    model.contact = Law::Linear(Linear::new(1e8, 0.5, 20.0)).into();
     let mut grains = Grains::at_rest(vec![DVec3::ZERO], vec![0.1], 1000.0);
     // Resting on the floor: k_n d = m g.
     let sink = grains.mass[0] * gravity / (1e8 * 0.1);

@@ -33,7 +33,7 @@ fn pressed(count: usize) -> (State, Model) {
     let mut model = Model {
         time_step: TimeStep::Automatic { safety: 0.8 },
         gravity: DVec3::ZERO,
-        contact: Law::Linear(Linear { young: 15e6, stiffness_ratio: 0.5, friction: 5.0 }),
+        contact: Law::Linear(Linear::new(15e6, 0.5, 5.0)).into(),
         damping: 0.3,
         faces,
         fluid: None,
@@ -44,7 +44,7 @@ fn pressed(count: usize) -> (State, Model) {
         step(&mut state, &model, &mut work).unwrap();
         assert!(state.step < 30_000);
     }
-    let Law::Linear(linear) = &mut model.contact;
+    let Law::Linear(linear) = &mut model.contact.all else { unreachable!() };
     linear.friction = 30.0;
     model.damping = 0.0;
     for face in 0..5 {
@@ -128,7 +128,7 @@ fn suspension(step: Stepping) -> (State, Model) {
     let model = Model {
         time_step: TimeStep::Fixed(1e-12),
         gravity: DVec3::ZERO,
-        contact: Law::Linear(Linear { young: 1e6, stiffness_ratio: 0.5, friction: 30.0 }),
+        contact: Law::Linear(Linear::new(1e6, 0.5, 30.0)).into(),
         damping: 0.0,
         faces: Default::default(),
         fluid: water(1.0, step),

@@ -35,7 +35,7 @@ pub fn dry_model() -> Model {
     Model {
         time_step: TimeStep::Automatic { safety: 0.8 },
         gravity: DVec3::ZERO,
-        contact: Law::Linear(Linear { young: 15e6, stiffness_ratio: 0.5, friction: 30.0 }),
+        contact: Law::Linear(Linear::new(15e6, 0.5, 30.0)).into(),
         damping: 0.2,
         faces: std::array::from_fn(|_| Face::default()),
         fluid: None,

@@ -2,7 +2,7 @@
 
 use super::{Case, CaseError, Cloud, Lattice, Packing, StageTable, StageWater, Until};
 use crate::boundary::Domain;
-use crate::contact::{Contacts, Law};
+use crate::contact::{Contacts, Laws};
 use crate::grains::Grains;
 use crate::import;
 use crate::model::Model;
@@ -40,11 +40,9 @@ impl Case {
     /// The model of stage `k`, which begins at time `start`: the case with the overrides of the stage.
     pub fn model(&self, k: usize, start: f64) -> Model {
         let stage = &self.stage[k];
-        let mut contact = stage.contact.clone().unwrap_or_else(|| self.contact.clone());
+        let mut contact = Laws::from(stage.contact.clone().unwrap_or_else(|| self.contact.clone()));
         if let Some(angle) = stage.friction {
-            match &mut contact {
-                Law::Linear(linear) => linear.friction = angle,
-            }
+            contact.set_friction(angle);
         }
         let mut faces = Default::default();
         self.face.apply(&mut faces);

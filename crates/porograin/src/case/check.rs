@@ -2,7 +2,7 @@
 
 use super::{Case, CaseError, FaceTable, Packing, StageWater};
 use crate::boundary::{Signal, Solid, Water};
-use crate::contact::Law;
+use crate::contact::{Law, Restitution};
 use crate::model::{Flow, TimeStep};
 use crate::watch::Every;
 
@@ -12,6 +12,8 @@ enum Range {
     Positive,
     NotNegative,
     Part,
+    Share,
+    Poisson,
     Angle,
 }
 
@@ -257,17 +259,22 @@ impl Case {
     }
 
     fn law(&self, path: &str, law: &Law) -> Result<(), CaseError> {
-        match law {
+        let (path, restitution) = match law {
             Law::Linear(linear) => {
-                self.number(&format!("{path}.linear.young"), linear.young, Range::Positive)?;
-                self.number(
-                    &format!("{path}.linear.stiffness-ratio"),
-                    linear.stiffness_ratio,
-                    Range::NotNegative,
-                )?;
-                self.number(&format!("{path}.linear.friction"), linear.friction, Range::Angle)
+                let path = format!("{path}.linear");
+                self.number(&format!("{path}.stiffness-ratio"), linear.stiffness_ratio, Range::NotNegative)?;
+                (path, linear.restitution)
             }
-        }
+            Law::HertzMindlin(hertz) => {
+                let path = format!("{path}.hertz-mindlin");
+                self.number(&format!("{path}.poisson"), hertz.poisson, Range::Poisson)?;
+                (path, hertz.restitution)
+            }
+        };
+        self.number(&format!("{path}.young"), law.young(), Range::Positive)?;
+        self.number(&format!("{path}.friction"), law.friction(), Range::Angle)?;
+        let coefficient = restitution.map(Restitution::coefficient);
+        self.optional(&format!("{path}.restitution"), coefficient, Range::Share)
     }
 
     fn flow(&self, path: &str, flow: &Flow) -> Result<(), CaseError> {
@@ -312,6 +319,8 @@ impl Case {
             Range::Positive => (value > 0.0, "greater than 0"),
             Range::NotNegative => (value >= 0.0, "0 or greater"),
             Range::Part => ((0.0..1.0).contains(&value), "at least 0 and less than 1"),
+            Range::Share => (value > 0.0 && value <= 1.0, "greater than 0 and at most 1"),
+            Range::Poisson => (value > -1.0 && value <= 0.5, "greater than -1 and at most 0.5"),
             Range::Angle => ((0.0..90.0).contains(&value), "an angle from 0 to less than 90 degrees"),
         };
         if fits {

@@ -2,7 +2,6 @@
 
 use super::{Case, CaseError, Plan};
 use crate::boundary::{Signal, Solid};
-use crate::contact::Law;
 use crate::fluid;
 use crate::model::{Flow, Model, TimeStep};
 use crate::pores::Stepping;
@@ -103,9 +102,7 @@ impl Case {
             let steps = by_time.into_iter().chain(until.steps).min();
             let per_step = SECONDS_PER_GRAIN_STEP[0]
                 + if model.fluid.is_some() { SECONDS_PER_GRAIN_STEP[1] } else { 0.0 };
-            let young = match &model.contact {
-                Law::Linear(linear) => linear.young,
-            };
+            let young = model.contact.all.young();
             let stress = largest_stress(model);
             implied.push(ImpliedStage {
                 name: stage.name.clone(),

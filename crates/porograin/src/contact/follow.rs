@@ -1,7 +1,7 @@
 //! Which of the near pairs have come to touch since the last step.
 
 use super::pass::Scratch;
-use super::{Contacts, Surroundings};
+use super::{Contacts, More, Surroundings};
 use glam::DVec3;
 
 /// Adds to `contacts` the near pairs that have come to touch; those that parted leave in the [pass](super::add).
@@ -46,16 +46,25 @@ fn insert(contacts: &mut Contacts, born: &[[u32; 2]]) {
     let (mut old, mut new) = (contacts.len(), born.len());
     contacts.pairs.resize(old + new, [0; 2]);
     contacts.shear.resize(old + new, DVec3::ZERO);
+    if let Some(more) = &mut contacts.more {
+        more.resize(old + new, More::default());
+    }
     while new > 0 {
         let to = old + new - 1;
         if old > 0 && contacts.pairs[old - 1] > born[new - 1] {
             old -= 1;
             contacts.pairs[to] = contacts.pairs[old];
             contacts.shear[to] = contacts.shear[old];
+            if let Some(more) = &mut contacts.more {
+                more[to] = more[old];
+            }
         } else {
             new -= 1;
             contacts.pairs[to] = born[new];
             contacts.shear[to] = DVec3::ZERO;
+            if let Some(more) = &mut contacts.more {
+                more[to] = More::default();
+            }
         }
     }
 }

@@ -4,7 +4,7 @@
 //! grain, with them. A block adds its loads in order of contact to its own grains and puts aside what acts on grains
 //! of later blocks; that is added afterwards in order of contact. The order of every sum depends on [`BLOCK`] alone.
 
-use super::{ContactLaw, Contacts, Law, Surroundings, Touch, turn, with_law};
+use super::{ContactLaw, Contacts, Law, Memory, More, PairLoad, Plain, Surroundings, Touch, turn};
 use crate::grains::Loads;
 use glam::DVec3;
 use porograin_geometry::triangulation::wall;
@@ -46,11 +46,12 @@ struct Later {
 pub fn add(
     loads: &mut Loads,
     contacts: &mut Contacts,
-    law: &Law,
     surroundings: &Surroundings,
     last: f64,
     scratch: &mut Scratch,
 ) {
+    let laws = surroundings.laws;
+    contacts.remember_more(!laws.is_plain());
     let blocks = loads.force.len().div_ceil(BLOCK).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
     let share = Share {
@@ -58,11 +59,17 @@ pub fn add(
         first_contact: 0,
         pairs: &contacts.pairs,
         shear: &mut contacts.shear,
+        more: contacts.more.as_deref_mut().unwrap_or_default(),
         force: &mut loads.force,
         torque: &mut loads.torque,
         blocks: &mut scratch.blocks,
     };
-    with_law!(law, law => share.split(law, surroundings, last));
+    // The choice of law is made here, once; only laws with extras or of several materials choose pair by pair.
+    match &laws.all {
+        _ if !laws.is_plain() => share.split(&|share| share.run_each(surroundings, last)),
+        Law::Linear(law) => share.split(&|share| share.run_plain(&Plain(law), surroundings, last)),
+        Law::HertzMindlin(law) => share.split(&|share| share.run_plain(&Plain(law), surroundings, last)),
+    }
 
     for block in &scratch.blocks {
         for later in &block.later {
@@ -82,6 +89,8 @@ struct Share<'a> {
     first_contact: usize,
     pairs: &'a [[u32; 2]],
     shear: &'a mut [DVec3],
+    /// Empty under a plain law.
+    more: &'a mut [More],
     force: &'a mut [DVec3],
     torque: &'a mut [DVec3],
     blocks: &'a mut [Block],
@@ -89,68 +98,96 @@ struct Share<'a> {
 
 impl Share<'_> {
     /// Halves the blocks between threads until one is left.
-    fn split<L: ContactLaw>(self, law: &L, surroundings: &Surroundings, last: f64) {
+    fn split(self, run: &(impl Fn(Self) + Sync)) {
         let half = self.blocks.len() / 2;
         if half == 0 {
-            return self.run(law, surroundings, last);
+            return run(self);
         }
         let (grain, middle) = (half * BLOCK, (self.first_block + half) * BLOCK);
         let cut = self.pairs.partition_point(|pair| (pair[0] as usize) < middle);
         let (pairs, more_pairs) = self.pairs.split_at(cut);
         let (shear, more_shear) = self.shear.split_at_mut(cut);
+        let (more, more_more) = self.more.split_at_mut(cut.min(self.more.len()));
         let (force, more_force) = self.force.split_at_mut(grain);
         let (torque, more_torque) = self.torque.split_at_mut(grain);
         let (blocks, more_blocks) = self.blocks.split_at_mut(half);
         let (first_block, first_contact) = (self.first_block, self.first_contact);
-        let front = Share { first_block, first_contact, pairs, shear, force, torque, blocks };
+        let front = Share { first_block, first_contact, pairs, shear, more, force, torque, blocks };
         let back = Share {
             first_block: first_block + half,
             first_contact: first_contact + cut,
             pairs: more_pairs,
             shear: more_shear,
+            more: more_more,
             force: more_force,
             torque: more_torque,
             blocks: more_blocks,
         };
-        rayon::join(|| front.split(law, surroundings, last), || back.split(law, surroundings, last));
+        rayon::join(|| front.split(run), || back.split(run));
     }
 
-    fn run<L: ContactLaw>(self, law: &L, surroundings: &Surroundings, last: f64) {
+    /// Springs and friction, one law for all.
+    fn run_plain<L: ContactLaw>(mut self, law: &L, surroundings: &Surroundings, last: f64) {
+        self.begin();
+        for k in 0..self.pairs.len() {
+            let touch = surroundings.near(self.pairs[k]).touch();
+            if touch.overlap <= 0.0 {
+                self.part(k);
+                continue;
+            }
+            let mut memory = Memory::from(turn(self.shear[k], touch.normal, touch.twist * last));
+            let load = law.load(&touch, &mut memory, last);
+            self.shear[k] = memory.shear;
+            self.give(self.pairs[k], &touch, &load);
+        }
+    }
+
+    /// Any law, looked up pair by pair.
+    fn run_each(mut self, surroundings: &Surroundings, last: f64) {
+        self.begin();
+        for k in 0..self.pairs.len() {
+            let (law, touch) = (surroundings.law(self.pairs[k]), surroundings.touch(self.pairs[k]));
+            let mut memory = Memory { shear: self.shear[k], more: self.more[k] };
+            memory.turn(touch.normal, touch.twist * last);
+            let load = law.load(&touch, &mut memory, last);
+            if !law.holds(&touch, &memory) {
+                self.part(k);
+                continue;
+            }
+            (self.shear[k], self.more[k]) = (memory.shear, memory.more);
+            self.give(self.pairs[k], &touch, &load);
+        }
+    }
+
+    fn begin(&mut self) {
         let block = &mut self.blocks[0];
         block.later.clear();
         block.parted.clear();
         block.wall = [DVec3::ZERO; 6];
+    }
+
+    fn part(&mut self, k: usize) {
+        self.blocks[0].parted.push((self.first_contact + k) as u32);
+    }
+
+    /// Adds the load to the two of the pair; `n x F` times a lever is a torque of the same sense on both.
+    #[inline(always)]
+    fn give(&mut self, pair: [u32; 2], touch: &Touch, &PairLoad { force, moment }: &PairLoad) {
+        let (turning, [near, far]) = (touch.normal.cross(force), touch.levers());
         let offset = self.first_block * BLOCK;
-        for k in 0..self.pairs.len() {
-            let pair = self.pairs[k];
-            let touch = surroundings.touch(pair);
-            if touch.overlap <= 0.0 {
-                block.parted.push((self.first_contact + k) as u32);
-                continue;
-            }
-            let (force, moment) = evaluate(law, &touch, &mut self.shear[k], last);
-            let [near, far] = touch.levers();
-            let i = pair[0] as usize - offset;
-            self.force[i] += force;
-            self.torque[i] += near * moment;
-            if let Some(face) = wall(pair[1]) {
-                block.wall[face] -= force;
-            } else if let Some(on) = self.force.get_mut(pair[1] as usize - offset) {
-                *on -= force;
-                self.torque[pair[1] as usize - offset] += far * moment;
-            } else {
-                block.later.push(Later { grain: pair[1], force: -force, torque: far * moment });
-            }
+        let i = pair[0] as usize - offset;
+        self.force[i] += force;
+        self.torque[i] += near * turning + moment;
+        if let Some(face) = wall(pair[1]) {
+            self.blocks[0].wall[face] -= force;
+        } else if let Some(on) = self.force.get_mut(pair[1] as usize - offset) {
+            *on -= force;
+            self.torque[pair[1] as usize - offset] += far * turning - moment;
+        } else {
+            let torque = far * turning - moment;
+            self.blocks[0].later.push(Later { grain: pair[1], force: -force, torque });
         }
     }
-}
-
-/// Force on the first of the pair, and `n x F`: times a lever it is the torque, of the same sense on both.
-#[inline(always)]
-fn evaluate<L: ContactLaw>(law: &L, touch: &Touch, shear: &mut DVec3, last: f64) -> (DVec3, DVec3) {
-    *shear = turn(*shear, touch.normal, touch.twist * last);
-    let force = law.load(touch, shear, last);
-    (force, touch.normal.cross(force))
 }
 
 /// Takes the pairs that parted out of the contacts and back among the near ones.
@@ -164,10 +201,16 @@ fn remove_parted(contacts: &mut Contacts, scratch: &mut Scratch) {
         } else {
             contacts.pairs[kept] = contacts.pairs[k];
             contacts.shear[kept] = contacts.shear[k];
+            if let Some(more) = &mut contacts.more {
+                more[kept] = more[k];
+            }
             kept += 1;
         }
     }
     contacts.pairs.truncate(kept);
     contacts.shear.truncate(kept);
+    if let Some(more) = &mut contacts.more {
+        more.truncate(kept);
+    }
     scratch.known = kept;
 }

@@ -3,19 +3,36 @@
 use super::*;
 use crate::boundary::{Domain, Face, Solid};
 use crate::grains::{Grains, Loads};
-use glam::{DMat3, DQuat};
+use glam::{DMat3, DQuat, DVec3};
 use porograin_geometry::Neighbours;
 
 /// One of each law, stiff enough in shear and with enough friction for every term to count.
 fn laws() -> Vec<Law> {
-    let choices = vec![Law::Linear(Linear { young: 1e6, stiffness_ratio: 0.6, friction: 35.0 })];
+    let (linear, hertz) = (Linear::new(1e6, 0.6, 35.0), HertzMindlin::new(5e6, 0.3, 35.0));
+    let choices = vec![Law::Linear(linear), Law::HertzMindlin(hertz)];
     for law in &choices {
         // A new law does not compile until it is listed here and above.
         match law {
-            Law::Linear(_) => (),
+            Law::Linear(_) | Law::HertzMindlin(_) => (),
         }
     }
     choices
+}
+
+/// The same with all they can have besides springs and friction.
+fn rich_laws() -> Vec<Law> {
+    let mut laws = laws();
+    for law in &mut laws {
+        match law {
+            Law::Linear(law) => law.restitution = Some(0.5.into()),
+            Law::HertzMindlin(law) => law.restitution = Some(0.5.into()),
+        }
+    }
+    laws
+}
+
+fn all_laws() -> Vec<Law> {
+    [laws(), rich_laws()].concat()
 }
 
 struct Numbers(u64);
@@ -59,13 +76,13 @@ fn moved(law: &Law, wall: bool, shear: DVec3, change: &[(DVec3, DVec3)]) -> (Loa
         grains.velocity[k] = *shift;
         grains.spin[k] = *turn;
     }
-    let mut contacts = Contacts { pairs: vec![pair], shear: vec![shear] };
-    let (faces, domain) = (faces(), domain());
-    let around = Surroundings::new(&grains, &domain, &faces, law.as_law().friction());
+    let mut contacts = Contacts { pairs: vec![pair], shear: vec![shear], more: None };
+    let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
+    let around = Surroundings::new(&grains, &domain, &faces, &laws);
     let mut loads = Loads::default();
     loads.clear(grains.len());
-    add(&mut loads, &mut contacts, law, &around, 1.0, &mut Scratch::default());
-    let energy = law.as_law().energy(&around.touch(pair), contacts.shear[0]);
+    add(&mut loads, &mut contacts, &around, 1.0, &mut Scratch::default());
+    let energy = law.energy(&around.touch(pair), &contacts.memory(0));
     (loads, energy)
 }
 
@@ -74,33 +91,39 @@ fn loads_are_minus_the_gradient_of_the_energy() {
     for law in laws() {
         for wall in [false, true] {
             let (grains, pair) = pair(wall);
-            let (faces, domain) = (faces(), domain());
-            let touch = Surroundings::new(&grains, &domain, &faces, 0.0).touch(pair);
-            // A shear force well inside the friction cone.
-            let pressing = law.as_law().load(&touch, &mut DVec3::ZERO.clone(), 0.0).length();
-            let shear = 0.1 * pressing * touch.normal.any_orthonormal_vector();
+            let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
+            let touch = Surroundings::new(&grains, &domain, &faces, &laws).touch(pair);
+            let pressing = law.load(&touch, &mut Memory::default(), 0.0).force.length();
             let none = vec![(DVec3::ZERO, DVec3::ZERO); grains.len()];
-            let (loads, _) = moved(&law, wall, shear, &none);
-            let h = 1e-7;
-            for k in 0..grains.len() {
-                for axis in 0..3 {
-                    for spin in [false, true] {
-                        let at = |s: f64| {
-                            let mut change = none.clone();
-                            let part = if spin { &mut change[k].1 } else { &mut change[k].0 };
-                            part[axis] = s;
-                            moved(&law, wall, shear, &change).1
-                        };
-                        let gradient = (at(h) - at(-h)) / (2.0 * h);
-                        let (load, scale) = if spin {
-                            (loads.torque[k][axis], 0.1 * pressing)
-                        } else {
-                            (loads.force[k][axis], pressing)
-                        };
-                        assert!(
-                            (load + gradient).abs() < 1e-5 * scale,
-                            "{load} {gradient} {k} {axis} {spin} {wall}"
-                        );
+            // A shear force well inside the friction cone; where `k_t` depends on the overlap, the shear spring is held by
+            // the normal one and has an energy across the normal only.
+            for shear in [DVec3::ZERO, 0.1 * pressing * touch.normal.any_orthonormal_vector()] {
+                let whole = shear == DVec3::ZERO || matches!(law, Law::Linear(_));
+                let (loads, _) = moved(&law, wall, shear, &none);
+                let h = 1e-7;
+                for k in 0..grains.len() {
+                    for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                        for spin in [false, true] {
+                            let mut axis = axis;
+                            if !spin && !whole {
+                                axis -= axis.dot(touch.normal) * touch.normal;
+                            }
+                            let at = |s: f64| {
+                                let mut change = none.clone();
+                                *(if spin { &mut change[k].1 } else { &mut change[k].0 }) = s * axis;
+                                moved(&law, wall, shear, &change).1
+                            };
+                            let gradient = (at(h) - at(-h)) / (2.0 * h);
+                            let (load, scale) = if spin {
+                                (loads.torque[k].dot(axis), 0.1 * pressing)
+                            } else {
+                                (loads.force[k].dot(axis), pressing)
+                            };
+                            assert!(
+                                (load + gradient).abs() < 1e-5 * scale,
+                                "{law:?} {load} {gradient} {k} {axis} {spin} {wall}"
+                            );
+                        }
                     }
                 }
             }
@@ -111,8 +134,7 @@ fn loads_are_minus_the_gradient_of_the_energy() {
 #[test]
 fn turned_with_the_frame_the_load_turns_along() {
     let mut next = Numbers(3);
-    for law in laws() {
-        let law = law.as_law();
+    for law in all_laws() {
         for _ in 0..100 {
             let turn = DQuat::from_scaled_axis(3.0 * next.vector());
             let normal = next.vector().normalize();
@@ -120,17 +142,27 @@ fn turned_with_the_frame_the_load_turns_along() {
                 normal,
                 overlap: 1e-3,
                 radius: [0.1, 0.2],
-                velocity: next.vector(),
+                velocity: 0.1 * next.vector(),
+                spin: next.vector(),
                 twist: 0.3,
                 friction: 0.4,
+                mass: 2.0,
             };
-            let start = next.vector().cross(normal);
-            let (mut here, mut there) = (start, turn * start);
+            let across = |v: DVec3| v.cross(normal);
+            let more = More { roll: across(next.vector()), twist: next.next() };
+            let start = Memory { shear: across(next.vector()), more };
+            let mut there = start;
+            there.shear = turn * start.shear;
+            there.more.roll = turn * start.more.roll;
+            let mut here = start;
             let load = law.load(&touch, &mut here, 1e-4);
-            let turned = Touch { normal: turn * touch.normal, velocity: turn * touch.velocity, ..touch };
+            let (normal, velocity) = (turn * touch.normal, turn * touch.velocity);
+            let turned = Touch { normal, velocity, spin: turn * touch.spin, ..touch };
             let same = law.load(&turned, &mut there, 1e-4);
-            assert!((turn * load - same).length() < 1e-12 * load.length());
-            assert!((turn * here - there).length() < 1e-12 * here.length().max(1e-3));
+            assert!((turn * load.force - same.force).length() < 1e-12 * load.force.length());
+            assert!((turn * load.moment - same.moment).length() <= 1e-12 * load.moment.length());
+            assert!((turn * here.shear - there.shear).length() < 1e-12 * here.shear.length().max(1e-3));
+            assert!((turn * here.more.roll - there.more.roll).length() <= 1e-12 * here.more.roll.length());
         }
     }
 }
@@ -138,21 +170,22 @@ fn turned_with_the_frame_the_load_turns_along() {
 #[test]
 fn the_shear_force_stays_in_the_friction_cone_and_nothing_pulls() {
     let mut next = Numbers(4);
-    for law in laws() {
-        let (law, mut shear, mut slid) = (law.as_law(), DVec3::ZERO, 0);
-        let mut touch = Touch::prospective([0.1, 0.15], 1e-3);
+    for law in all_laws() {
+        let (mut memory, mut slid) = (Memory::default(), 0);
+        let mut touch = Touch::prospective([0.1, 0.15], 1e-3, 2.0);
         touch.friction = 0.4;
         for _ in 0..1000 {
             touch.overlap = 1e-3 * next.next();
             touch.velocity = next.vector();
-            shear = turn(shear, touch.normal, 0.0);
-            let force = law.load(&touch, &mut shear, 1e-4);
+            memory.turn(touch.normal, 0.0);
+            let force = law.load(&touch, &mut memory, 1e-4).force;
             let pressing = -force.dot(touch.normal);
+            let shear = force + pressing * touch.normal;
             assert!(pressing >= 0.0 && shear.length() <= 0.4 * pressing * (1.0 + 1e-12));
             assert!(shear.dot(touch.normal).abs() <= 1e-12 * pressing);
             slid += (shear.length() > 0.399 * pressing) as u32;
         }
-        assert!((100..950).contains(&slid), "{slid}");
+        assert!((100..1000).contains(&slid), "{slid}");
     }
 }
 
@@ -161,7 +194,7 @@ fn the_shear_force_stays_in_the_friction_cone_and_nothing_pulls() {
 fn closed_loops_never_give_energy() {
     let mut next = Numbers(5);
     for law in laws() {
-        let (law, mut rubbed) = (law.as_law(), 0);
+        let mut rubbed = 0;
         for _ in 0..40 {
             let (a, b, phase) = (next.vector(), next.vector(), 6.0 * next.next());
             let path = |t: f64| {
@@ -174,21 +207,21 @@ fn closed_loops_never_give_energy() {
                 overlap: 0.2 - x.length(),
                 velocity,
                 friction: 0.4,
-                ..Touch::prospective([0.1, 0.1], 0.0)
+                ..Touch::prospective([0.1, 0.1], 0.0, 1.0)
             };
-            let (mut shear, steps, mut lost) = (DVec3::ZERO, 4000, 0.0);
-            let mut force = law.load(&touch_at(start, DVec3::ZERO), &mut shear, 0.0);
-            let begin = law.energy(&touch_at(start, DVec3::ZERO), shear);
+            let (mut memory, steps, mut lost) = (Memory::default(), 4000, 0.0);
+            let mut force = law.load(&touch_at(start, DVec3::ZERO), &mut memory, 0.0).force;
+            let begin = law.energy(&touch_at(start, DVec3::ZERO), &memory);
             let (mut work, mut size, mut worst) = (0.0, 0.0_f64, 0.0_f64);
             for k in 1..=steps {
                 let (x0, x1) = (path((k - 1) as f64 / steps as f64), path(k as f64 / steps as f64));
                 let touch = touch_at(start + x1, x1 - x0);
-                shear = turn(shear, touch.normal, 0.0);
-                let now = law.load(&touch, &mut shear, 1.0);
+                memory.turn(touch.normal, 0.0);
+                let now = law.load(&touch, &mut memory, 1.0).force;
                 // The force on the second is minus `now`; holding it takes `now`.
                 work += 0.5 * (force + now).dot(x1 - x0);
                 force = now;
-                let balance = work - (law.energy(&touch, shear) - begin);
+                let balance = work - (law.energy(&touch, &memory) - begin);
                 worst = worst.min(balance - lost);
                 lost = balance;
                 size = size.max(work.abs());
@@ -197,14 +230,16 @@ fn closed_loops_never_give_energy() {
             assert!(lost > -1e-6 * size && worst > -1e-6 * size, "{lost} {worst} {size}");
             rubbed += (lost > 1e-3 * size) as u32;
         }
-        assert!((10..30).contains(&rubbed), "{rubbed}");
+        // Unloading a sheared contact of Hertz and Mindlin costs energy even where nothing slides.
+        let most = if matches!(law, Law::Linear(_)) { 30 } else { 41 };
+        assert!((10..most).contains(&rubbed), "{rubbed}");
     }
 }
 
 /// A loaded pair that turns as one rigid body keeps its shear force in the turning frame.
 #[test]
 fn the_memory_turns_with_a_rigidly_turning_pair() {
-    let law = &laws()[0];
+    let laws = Laws::from(laws()[0].clone());
     let axis = DVec3::new(0.5, 0.7, -0.3);
     let error = |steps: usize| {
         let (mut grains, pair) = pair(false);
@@ -212,7 +247,7 @@ fn the_memory_turns_with_a_rigidly_turning_pair() {
         let centre = grains.position[0];
         let arm = grains.position[1] - centre;
         let start = 100.0 * arm.normalize().any_orthonormal_vector();
-        let mut contacts = Contacts { pairs: vec![pair], shear: vec![start] };
+        let mut contacts = Contacts { pairs: vec![pair], shear: vec![start], more: None };
         let mut loads = Loads::default();
         for k in 1..=steps {
             let at = |k: usize| centre + DQuat::from_scaled_axis(axis * k as f64 / steps as f64) * arm;
@@ -220,8 +255,8 @@ fn the_memory_turns_with_a_rigidly_turning_pair() {
             grains.position[1] = at(k);
             grains.spin = vec![axis; 2];
             loads.clear(2);
-            let around = Surroundings::new(&grains, &domain, &faces, law.as_law().friction());
-            add(&mut loads, &mut contacts, law, &around, 1.0 / steps as f64, &mut Scratch::default());
+            let around = Surroundings::new(&grains, &domain, &faces, &laws);
+            add(&mut loads, &mut contacts, &around, 1.0 / steps as f64, &mut Scratch::default());
         }
         let expected = DQuat::from_scaled_axis(axis) * start;
         (contacts.shear[0] - expected).length() / start.length()
@@ -246,17 +281,18 @@ fn cluster(n: usize, walls: bool, seed: u64) -> (Grains, Contacts, Neighbours) {
 
 fn loads_of(law: &Law, grains: &Grains, contacts: &mut Contacts, near: &Neighbours) -> Loads {
     let (faces, domain, mut scratch) = (faces(), domain(), Scratch::default());
-    let around = Surroundings::new(grains, &domain, &faces, law.as_law().friction());
+    let laws = Laws::from(law.clone());
+    let around = Surroundings::new(grains, &domain, &faces, &laws);
     follow(contacts, &around, &near.pairs, true, &mut scratch);
     let mut loads = Loads::default();
     loads.clear(grains.len());
-    add(&mut loads, contacts, law, &around, 1e-4, &mut scratch);
+    add(&mut loads, contacts, &around, 1e-4, &mut scratch);
     loads
 }
 
 #[test]
 fn forces_and_moments_balance() {
-    for law in laws() {
+    for law in all_laws() {
         let (grains, mut contacts, near) = cluster(1500, true, 7);
         let loads = loads_of(&law, &grains, &mut contacts, &near);
         let size: f64 = loads.force.iter().map(|f| f.length()).sum();
@@ -276,7 +312,7 @@ fn forces_and_moments_balance() {
 
 #[test]
 fn a_common_velocity_and_a_turned_frame_change_nothing() {
-    for law in laws() {
+    for law in all_laws() {
         let (grains, mut contacts, near) = cluster(300, false, 9);
         let loads = loads_of(&law, &grains, &mut contacts, &near);
         let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(0.3, -0.8, 0.5)));
@@ -300,7 +336,7 @@ fn a_common_velocity_and_a_turned_frame_change_nothing() {
 
 #[test]
 fn pairs_enter_and_leave_in_order() {
-    let law = &laws()[0];
+    let laws = Laws::from(rich_laws()[0].clone());
     let (mut grains, mut contacts, _) = cluster(400, true, 11);
     let (faces, domain, mut scratch) = (faces(), domain(), Scratch::default());
     let mut near = Neighbours::default();
@@ -308,15 +344,16 @@ fn pairs_enter_and_leave_in_order() {
     for _ in 0..60 {
         let before = contacts.pairs.clone();
         let rebuilt = near.refresh(&domain.cell, &grains.position, &grains.radius, 0.0);
-        let around = Surroundings::new(&grains, &domain, &faces, 30.0);
+        let around = Surroundings::new(&grains, &domain, &faces, &laws);
         follow(&mut contacts, &around, &near.pairs, rebuilt, &mut scratch);
         let mut loads = Loads::default();
         loads.clear(grains.len());
-        add(&mut loads, &mut contacts, law, &around, 1e-4, &mut scratch);
+        add(&mut loads, &mut contacts, &around, 1e-4, &mut scratch);
         let all: Vec<_> =
             near.pairs.iter().copied().filter(|&pair| around.touch(pair).overlap > 0.0).collect();
         assert_eq!(contacts.pairs, all);
         assert_eq!(contacts.shear.len(), all.len());
+        assert_eq!(contacts.more.as_ref().map(Vec::len), Some(all.len()));
         entered += all.iter().filter(|pair| !before.contains(pair)).count();
         left += before.iter().filter(|pair| !all.contains(pair)).count();
         for k in 0..grains.len() {
@@ -324,4 +361,74 @@ fn pairs_enter_and_leave_in_order() {
         }
     }
     assert!(entered > 50 && left > 50, "{entered} {left}");
+}
+
+#[test]
+fn laws_survive_a_round_trip_through_toml() {
+    for law in all_laws() {
+        let text = toml_edit::ser::to_string(&law).unwrap();
+        assert_eq!(toml_edit::de::from_str::<Law>(&text).unwrap(), law, "{text}");
+    }
+}
+
+/// Two grains head on, integrated with small steps by the law alone: coefficient of restitution and duration.
+fn collision(law: &Law, radius: [f64; 2], mass: f64, speed: f64, dt: f64) -> (f64, f64) {
+    let (mut overlap, mut approach, mut time) = (0.0, speed, 0.0);
+    loop {
+        // Half a step of the velocity, so that position and velocity belong to the same time.
+        let touch = Touch { velocity: -approach * DVec3::X, ..Touch::prospective(radius, overlap, mass) };
+        let pressing = -law.load(&touch, &mut Memory::default(), dt).force.x;
+        if time > 0.0 && pressing <= 0.0 {
+            return (-approach / speed, time);
+        }
+        let middle = overlap + 0.5 * dt * approach;
+        let rate = approach - 0.5 * dt * pressing / mass;
+        let touch = Touch { velocity: -rate * DVec3::X, ..Touch::prospective(radius, middle, mass) };
+        let pressing = -law.load(&touch, &mut Memory::default(), dt).force.x;
+        overlap += dt * rate;
+        approach -= dt * pressing / mass;
+        time += dt;
+    }
+}
+
+#[test]
+fn grains_bounce_with_the_coefficient_asked_for() {
+    for coefficient in [0.05, 0.3, 0.6, 0.9, 1.0] {
+        for mut law in laws() {
+            match &mut law {
+                Law::Linear(law) => law.restitution = Some(coefficient.into()),
+                Law::HertzMindlin(law) => law.restitution = Some(coefficient.into()),
+            }
+            for (mass, speed) in [(2.0, 0.1), (0.3, 1.0)] {
+                let (measured, _) = collision(&law, [0.1, 0.2], mass, speed, 2e-6);
+                assert!((measured - coefficient).abs() < 2e-3, "{law:?}: {measured}");
+            }
+        }
+    }
+}
+
+#[test]
+fn elastic_spheres_touch_for_the_time_of_hertz() {
+    // Landau & Lifshitz, Theory of Elasticity, §9, problem 1; 2.87 to three digits.
+    let law = HertzMindlin::new(5e6, 0.3, 0.0);
+    let ([a, b], mass, speed): ([f64; 2], f64, f64) = ([0.1, 0.2], 0.7, 0.3);
+    let (radius, modulus) = (a * b / (a + b), 5e6 / (2.0 * (1.0 - 0.09)));
+    let expected = 2.868 * (mass * mass / (radius * modulus * modulus * speed)).powf(0.2);
+    let (_, time) = collision(&Law::HertzMindlin(law), [a, b], mass, speed, 1e-6);
+    assert!((time / expected - 1.0).abs() < 1e-3, "{time} {expected}");
+}
+
+#[test]
+fn the_tangents_are_those_of_catalano() {
+    // Equal spheres: C 2.10 and 2.11.
+    let (young, nu, radius, overlap) = (7e6, 0.2, 0.05, 3e-4);
+    let law = Law::HertzMindlin(HertzMindlin::new(young, nu, 30.0));
+    let touch = Touch::prospective([radius; 2], overlap, 1.0);
+    let stiffness = law.stiffness(&touch);
+    let shear_modulus = young / (2.0 * (1.0 + nu));
+    let pressing = -law.load(&touch, &mut Memory::default(), 0.0).force.x;
+    let normal = shear_modulus * (2.0 * radius * overlap).sqrt() / (1.0 - nu);
+    let shear = 2.0 * (3.0 * shear_modulus.powi(2) * (1.0 - nu) * radius * pressing).cbrt() / (2.0 - nu);
+    assert!((stiffness.normal / normal - 1.0).abs() < 1e-12);
+    assert!((stiffness.shear / shear - 1.0).abs() < 1e-12);
 }

@@ -1,5 +1,6 @@
 //! One touching pair as a law sees it, whether two grains or a grain and a wall.
 
+use super::{Law, Laws};
 use crate::boundary::{Domain, Face};
 use crate::grains::Grains;
 use glam::DVec3;
@@ -17,38 +18,118 @@ pub struct Touch {
     pub radius: [f64; 2],
     /// Velocity of the second relative to the first, at the contact point, spins included [m/s].
     pub velocity: DVec3,
+    /// Spin of the second relative to the first [rad/s]: what rolls and twists.
+    pub spin: DVec3,
     /// Mean spin of the two about the normal [rad/s].
     pub twist: f64,
     /// Tangent of the friction angle [-].
     pub friction: f64,
+    /// Reduced mass `m_i m_j / (m_i + m_j)`; at a wall the mass of the grain [kg].
+    pub mass: f64,
 }
 
-/// Tangent stiffnesses of a contact [N/m].
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Tangent stiffnesses of a contact [N/m] and its dampers [N s/m].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stiffness {
     /// Along the normal.
     pub normal: f64,
     /// Across it.
     pub shear: f64,
+    /// Damper along the normal.
+    pub normal_damper: f64,
+    /// Damper across it.
+    pub shear_damper: f64,
+    /// Against rolling [N m/rad].
+    pub roll: f64,
+    /// Against twisting [N m/rad].
+    pub twist: f64,
+}
+
+impl Stiffness {
+    /// The dampers in the place of the springs.
+    pub fn dampers(&self) -> Stiffness {
+        Stiffness { normal: self.normal_damper, shear: self.shear_damper, ..Stiffness::default() }
+    }
 }
 
 impl Touch {
     /// Distances from the two centres to the contact point, the middle of the overlap [m].
-    #[inline]
+    #[inline(always)]
     pub fn levers(&self) -> [f64; 2] {
         [self.radius[0] - 0.5 * self.overlap, self.radius[1] - 0.5 * self.overlap]
     }
 
-    /// A touch of spheres of the given radii that just meet, at rest: what a law's stiffness is asked of before there is a contact.
-    pub fn prospective(radius: [f64; 2], overlap: f64) -> Touch {
-        Touch { normal: DVec3::X, overlap, radius, velocity: DVec3::ZERO, twist: 0.0, friction: 0.0 }
+    /// The part of the relative velocity across the normal [m/s].
+    #[inline(always)]
+    pub fn sliding(&self) -> DVec3 {
+        self.velocity - self.velocity.dot(self.normal) * self.normal
+    }
+
+    /// A touch of spheres of the given radii [m] and reduced mass [kg] at rest: what a law's stiffness is asked of before
+    /// there is a contact.
+    pub fn prospective(radius: [f64; 2], overlap: f64, mass: f64) -> Touch {
+        Touch {
+            normal: DVec3::X,
+            overlap,
+            radius,
+            velocity: DVec3::ZERO,
+            spin: DVec3::ZERO,
+            twist: 0.0,
+            friction: 0.0,
+            mass,
+        }
+    }
+}
+
+/// A near pair as it is gathered from the arrays: all that tells a wall from a grain.
+#[derive(Clone, Copy, Debug)]
+pub struct Near {
+    /// From the centre of the first to that of the second, or to the foot on the wall [m].
+    pub branch: DVec3,
+    /// Length of the branch at which the two just touch [m].
+    pub reach: f64,
+    /// Radii of the two [m]; a wall takes the radius of the grain.
+    pub radius: [f64; 2],
+    /// Velocity of the second relative to the first [m/s]; of a wall, at the foot.
+    pub velocity: DVec3,
+    /// Spins of the two [rad/s]; a wall has none.
+    pub spin: [DVec3; 2],
+    /// Tangent of the friction angle [-].
+    pub friction: f64,
+    /// Reduced mass [kg].
+    pub mass: f64,
+}
+
+impl Near {
+    /// The touch of the pair; without overlap it is still well defined (negative overlap).
+    #[inline(always)]
+    pub fn touch(&self) -> Touch {
+        let distance = self.branch.length();
+        let normal = self.branch * (1.0 / distance);
+        let overlap = self.reach - distance;
+        let half = 0.5 * overlap;
+        // Both contact points move with their spins: -(l_i w_i + l_j w_j) x n.
+        let roll = (self.radius[0] - half) * self.spin[0] + (self.radius[1] - half) * self.spin[1];
+        Touch {
+            normal,
+            overlap,
+            radius: self.radius,
+            velocity: self.velocity - roll.cross(normal),
+            spin: self.spin[1] - self.spin[0],
+            twist: 0.5 * (self.spin[0] + self.spin[1]).dot(normal),
+            friction: self.friction,
+            mass: self.mass,
+        }
     }
 }
 
 /// All that touches are made from: the grains, where the walls are and how fast, and friction.
 #[derive(Clone, Copy, Debug)]
 pub struct Surroundings<'a> {
-    grains: &'a Grains,
+    /// The grains.
+    pub grains: &'a Grains,
+    /// The laws.
+    pub laws: &'a Laws,
     walls: [Wall; 6],
     friction: f64,
 }
@@ -61,53 +142,64 @@ struct Wall {
 }
 
 impl<'a> Surroundings<'a> {
-    /// `friction` is the angle between grains, faces have their own [degrees].
-    pub fn new(grains: &'a Grains, domain: &Domain, faces: &[Face; 6], friction: f64) -> Self {
+    /// Of a state and a model, in parts.
+    pub fn new(grains: &'a Grains, domain: &Domain, faces: &[Face; 6], laws: &'a Laws) -> Self {
         let walls = std::array::from_fn(|face| Wall {
             position: domain.cell.wall_position(face),
             velocity: domain.wall_velocity[face],
             friction: faces[face].friction.to_radians().tan(),
         });
-        Surroundings { grains, walls, friction: friction.to_radians().tan() }
+        Surroundings { grains, laws, walls, friction: laws.all.friction().to_radians().tan() }
     }
 
-    /// The touch of a pair. Without overlap it is still well defined (negative overlap).
+    /// The law of a pair.
+    #[inline]
+    pub fn law(&self, pair: [u32; 2]) -> &'a Law {
+        self.laws.of(self.grains, pair)
+    }
+
+    /// The touch of a pair under the law that acts on it.
     #[inline(always)]
-    pub fn touch(&self, [first, second]: [u32; 2]) -> Touch {
+    pub fn touch(&self, pair: [u32; 2]) -> Touch {
+        let near = self.near(pair);
+        if self.laws.pairs.is_empty() || wall(pair[1]).is_some() {
+            near.touch()
+        } else {
+            Touch { friction: self.law(pair).friction().to_radians().tan(), ..near.touch() }
+        }
+    }
+
+    /// What is gathered of a pair; friction as if there were one law for all.
+    #[inline(always)]
+    pub fn near(&self, [first, second]: [u32; 2]) -> Near {
         let (i, grains) = (first as usize, self.grains);
         let radius = grains.radius[i];
         match wall(second) {
             None => {
                 let j = second as usize;
-                let branch = grains.position[j] - grains.position[i];
-                let distance = branch.length();
-                let normal = branch / distance;
-                let radii = [radius, grains.radius[j]];
-                let overlap = radii[0] + radii[1] - distance;
-                let half = 0.5 * overlap;
-                // Both contact points move with their spins: -(l_i w_i + l_j w_j) x n.
-                let roll = (radii[0] - half) * grains.spin[i] + (radii[1] - half) * grains.spin[j];
-                Touch {
-                    normal,
-                    overlap,
-                    radius: radii,
-                    velocity: grains.velocity[j] - grains.velocity[i] - roll.cross(normal),
-                    twist: 0.5 * (grains.spin[i] + grains.spin[j]).dot(normal),
+                Near {
+                    branch: grains.position[j] - grains.position[i],
+                    reach: radius + grains.radius[j],
+                    radius: [radius, grains.radius[j]],
+                    velocity: grains.velocity[j] - grains.velocity[i],
+                    spin: [grains.spin[i], grains.spin[j]],
                     friction: self.friction,
+                    mass: grains.mass[i] * grains.mass[j] / (grains.mass[i] + grains.mass[j]),
                 }
             }
             Some(face) => {
-                let (normal, plane) = (NORMALS[face], &self.walls[face]);
+                let plane = &self.walls[face];
                 let outward = if face % 2 == 0 { -1.0 } else { 1.0 };
-                let overlap = radius - outward * (plane.position - grains.position[i][face / 2]);
-                let lever = radius - 0.5 * overlap;
-                Touch {
-                    normal,
-                    overlap,
+                // A centre on the wall has a normal still.
+                let distance = (outward * (plane.position - grains.position[i][face / 2])).max(1e-9 * radius);
+                Near {
+                    branch: distance * NORMALS[face],
+                    reach: radius,
                     radius: [radius, radius],
-                    velocity: plane.velocity - grains.velocity[i] - (lever * grains.spin[i]).cross(normal),
-                    twist: 0.5 * grains.spin[i].dot(normal),
+                    velocity: plane.velocity - grains.velocity[i],
+                    spin: [grains.spin[i], DVec3::ZERO],
                     friction: plane.friction,
+                    mass: grains.mass[i],
                 }
             }
         }

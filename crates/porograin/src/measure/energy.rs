@@ -1,7 +1,7 @@
 //! Energies, and how far from rest.
 
 use super::contact_forces;
-use crate::contact::Surroundings;
+use crate::contact::{ContactLaw, Surroundings};
 use crate::grains::{Grains, Loads};
 use crate::model::Model;
 use crate::state::State;
@@ -17,14 +17,12 @@ pub fn kinetic_energy(grains: &Grains) -> f64 {
 
 /// Energy stored in the contacts [J].
 pub fn elastic_energy(state: &State, model: &Model) -> f64 {
-    let law = model.contact.as_law();
-    let around = Surroundings::new(&state.grains, &state.domain, &model.faces, law.friction());
-    let contacts = state.contacts.pairs.iter().zip(&state.contacts.shear);
-    contacts
-        .map(|(&pair, &shear)| (around.touch(pair), shear))
-        .filter(|(touch, _)| touch.overlap > 0.0)
-        .map(|(touch, shear)| law.energy(&touch, shear))
-        .sum()
+    let around = Surroundings::new(&state.grains, &state.domain, &model.faces, &model.contact);
+    let energy = |(k, &pair): (usize, &[u32; 2])| {
+        let (law, touch, memory) = (around.law(pair), around.touch(pair), state.contacts.memory(k));
+        law.holds(&touch, &memory).then(|| law.energy(&touch, &memory))
+    };
+    state.contacts.pairs.iter().enumerate().filter_map(energy).sum()
 }
 
 /// Mean resultant on a grain over mean contact force (Catalano 2.16): how far the packing is from equilibrium [-].

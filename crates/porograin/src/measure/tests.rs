@@ -24,7 +24,7 @@ fn pressed() -> (State, Model, Work) {
     let domain = Domain::walled(DVec3::ZERO, DVec3::splat(0.04));
     let grains = packing::cloud(&domain.cell, 300, 0.2, 3, 0.7, 2600.0).unwrap();
     let mut model = dry_model();
-    let crate::contact::Law::Linear(linear) = &mut model.contact;
+    let crate::contact::Law::Linear(linear) = &mut model.contact.all else { unreachable!() };
     linear.friction = 10.0;
     for face in [1, 3, 5] {
         let stress = Signal::Constant(4.5e3 + 500.0 * face as f64);

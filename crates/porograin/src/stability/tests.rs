@@ -4,13 +4,13 @@ use crate::boundary::{Domain, Face, Signal};
 use crate::contact::{Contacts, Law, Linear};
 use crate::step::{Work, step};
 
-const LAW: Linear = Linear { young: 1e6, stiffness_ratio: 0.5, friction: 60.0 };
+const LAW: Linear = Linear::new(1e6, 0.5, 60.0);
 
 fn model(safety: f64) -> Model {
     Model {
         time_step: TimeStep::Automatic { safety },
         gravity: DVec3::ZERO,
-        contact: Law::Linear(LAW),
+        contact: Law::Linear(LAW).into(),
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction: 60.0, ..Face::default() }),
         fluid: None,
@@ -44,8 +44,8 @@ fn block(spread: f64) -> State {
 
 /// Largest eigenvalue of `M⁻¹ K` by power iteration on the linearised contacts, walls fixed.
 fn largest(state: &State, model: &Model) -> f64 {
-    let (grains, law) = (&state.grains, model.contact.as_law());
-    let around = Surroundings::new(grains, &state.domain, &model.faces, 0.0);
+    let (grains, law) = (&state.grains, &model.contact.all);
+    let around = Surroundings::new(grains, &state.domain, &model.faces, &model.contact);
     let n = grains.len();
     let mut shape: Vec<(DVec3, DVec3)> = (0..n)
         .map(|k| {

@@ -1,0 +1,168 @@
+//! What a contact law is, and the choice of laws.
+
+use super::friction::{Full, Spring};
+use super::{HertzMindlin, Linear, Memory, Stiffness, Touch};
+use crate::grains::Grains;
+use glam::DVec3;
+use porograin_geometry::triangulation::wall;
+use serde::{Deserialize, Serialize};
+
+/// What a touching pair does, as mathematics: a function of the [`Touch`] and of what the contact remembers.
+pub trait ContactLaw: Send + Sync {
+    /// The load on the first of the pair; the second gets the opposite, the force at the same point.
+    ///
+    /// `memory` holds forces and moments on the first, already turned with the pair; the law advances it by the
+    /// motion of the last step, `dt` long [s].
+    fn load(&self, touch: &Touch, memory: &mut Memory, dt: f64) -> PairLoad;
+
+    /// Tangent stiffnesses and dampers, which set the stable time step.
+    fn stiffness(&self, touch: &Touch) -> Stiffness;
+
+    /// Energy stored in the contact [J].
+    fn energy(&self, touch: &Touch, memory: &Memory) -> f64;
+
+    /// Whether the pair is a contact at all.
+    #[inline(always)]
+    fn holds(&self, touch: &Touch, _memory: &Memory) -> bool {
+        touch.overlap > 0.0
+    }
+}
+
+/// What acts on the first of a pair.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PairLoad {
+    /// At the contact point [N].
+    pub force: DVec3,
+    /// A couple besides the moment of the force [N m].
+    pub moment: DVec3,
+}
+
+/// The choice of contact law.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Law {
+    /// Linear springs with Coulomb friction.
+    Linear(Linear),
+    /// Hertz-Mindlin springs with Coulomb friction.
+    HertzMindlin(HertzMindlin),
+}
+
+/// Runs `$body` with `$law` bound to the law inside a [`Law`].
+macro_rules! with_law {
+    ($choice:expr, $law:ident => $body:expr) => {
+        match $choice {
+            $crate::contact::Law::Linear($law) => $body,
+            $crate::contact::Law::HertzMindlin($law) => $body,
+        }
+    };
+}
+
+impl Law {
+    /// Friction angle between two grains [degrees]; walls have their own.
+    pub fn friction(&self) -> f64 {
+        with_law!(self, law => law.friction)
+    }
+
+    /// Another friction angle [degrees].
+    pub fn set_friction(&mut self, angle: f64) {
+        with_law!(self, law => law.friction = angle)
+    }
+
+    /// Contact modulus [Pa].
+    pub fn young(&self) -> f64 {
+        with_law!(self, law => law.young)
+    }
+
+    /// Whether springs and friction are all there is to it.
+    pub fn is_plain(&self) -> bool {
+        with_law!(self, law => law.extras().is_empty())
+    }
+}
+
+impl ContactLaw for Law {
+    #[inline]
+    fn load(&self, touch: &Touch, memory: &mut Memory, dt: f64) -> PairLoad {
+        with_law!(self, law => Full(law).load(touch, memory, dt))
+    }
+
+    #[inline]
+    fn stiffness(&self, touch: &Touch) -> Stiffness {
+        with_law!(self, law => Full(law).stiffness(touch))
+    }
+
+    fn energy(&self, touch: &Touch, memory: &Memory) -> f64 {
+        with_law!(self, law => Full(law).energy(touch, memory))
+    }
+
+    #[inline]
+    fn holds(&self, touch: &Touch, memory: &Memory) -> bool {
+        with_law!(self, law => Full(law).holds(touch, memory))
+    }
+}
+
+/// The laws of all contacts: one for all, and others between grains of given materials.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Laws {
+    /// Of every pair that has no law of its own.
+    pub all: Law,
+    /// Laws of pairs of materials.
+    pub pairs: Vec<PairLaw>,
+}
+
+/// The law between two materials.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PairLaw {
+    /// The [materials](crate::Grains::material), in either order; [`WALL`] stands for the walls.
+    pub between: [u16; 2],
+    /// What acts between them.
+    pub law: Law,
+}
+
+/// The walls, as a material.
+pub const WALL: u16 = u16::MAX;
+
+impl From<Law> for Laws {
+    fn from(all: Law) -> Self {
+        Laws { all, pairs: Vec::new() }
+    }
+}
+
+impl Laws {
+    /// The law between two materials.
+    #[inline]
+    pub fn between(&self, [a, b]: [u16; 2]) -> &Law {
+        let own = self.pairs.iter().find(|pair| pair.between == [a, b] || pair.between == [b, a]);
+        own.map_or(&self.all, |pair| &pair.law)
+    }
+
+    /// The law of a pair of grains, or of a grain and a wall.
+    #[inline]
+    pub fn of(&self, grains: &Grains, [first, second]: [u32; 2]) -> &Law {
+        if self.pairs.is_empty() {
+            return &self.all;
+        }
+        let other = if wall(second).is_some() { WALL } else { grains.material[second as usize] };
+        self.between([grains.material[first as usize], other])
+    }
+
+    /// Another friction angle between grains of any material [degrees].
+    pub fn set_friction(&mut self, angle: f64) {
+        self.all.set_friction(angle);
+        self.pairs.iter_mut().for_each(|pair| pair.law.set_friction(angle));
+    }
+
+    /// Whether one law of springs and friction is all there is.
+    pub fn is_plain(&self) -> bool {
+        self.pairs.is_empty() && self.all.is_plain()
+    }
+
+    /// The gap up to which some law acts between these grains [m].
+    pub fn reach(&self, grains: &Grains) -> f64 {
+        if self.is_plain() {
+            return 0.0;
+        }
+        let largest = grains.radius.iter().fold(0.0, |a: f64, &r| a.max(r));
+        let laws = std::iter::once(&self.all).chain(self.pairs.iter().map(|pair| &pair.law));
+        laws.map(|law| with_law!(law, law => Full(law).reach(largest))).fold(0.0, f64::max)
+    }
+}
