@@ -178,6 +178,9 @@ pub struct Repair {
     pub reinserted: usize,
 }
 
+/// In a torus that is repaired the largest power sphere fits this often into the distance of lattice planes.
+const SMALL_HOLES: f64 = 12.0;
+
 /// Checked and snapped input, in the user's numbering.
 struct Sample {
     points: Vec<[f64; 4]>,
@@ -221,7 +224,14 @@ impl Sample {
         let curve = order::hilbert(cell, position);
         let points: Vec<[f64; 4]> = curve.iter().map(|&i| self.points[i as usize]).collect();
         if cell.periodic != [false; 3] {
-            return periodic::triangulate(&points, &curve, &self.periods, &self.space, self.spacing);
+            return periodic::triangulate(
+                &points,
+                &curve,
+                &self.points,
+                &self.periods,
+                &self.space,
+                self.spacing,
+            );
         }
         let grains = points.len();
         let mut mesh = Mesh::new(View::new(&points, &curve, grains as u32, &self.space));
@@ -246,7 +256,7 @@ impl Sample {
         // Holes must be small against the period, so that their vertices are met at the nearest images.
         let small = |power: f64| {
             let square = (power + self.space.largest).max(0.0);
-            !torus || 2.0 * periodic::FIT * square.sqrt() < lattice.least_height()
+            !torus || SMALL_HOLES * square.sqrt() < lattice.least_height()
         };
         let survey = view.survey(&old.pores, &old.neighbours);
         if survey.bad.len() > old.pores.len() / 8 + 8 || !small(survey.largest) {

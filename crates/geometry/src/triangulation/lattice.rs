@@ -132,6 +132,13 @@ impl Lattice {
         d[0].abs() < self.safe && d[1].abs() < self.safe && d[2].abs() < self.safe
     }
 
+    /// Whether a difference is its own nearest image, and so are those with others like it.
+    #[inline(always)]
+    pub fn is_close(&self, d: [f64; 3]) -> bool {
+        let half = 0.5 * self.safe;
+        d[0].abs() < half && d[1].abs() < half && d[2].abs() < half
+    }
+
     #[inline(never)]
     fn nearest_far(&self, d: [f64; 3]) -> [f64; 3] {
         self.moved(d, self.shift_to_nearest(d))

@@ -9,15 +9,19 @@ use super::canonical::{self, PeriodicPore};
 use super::lattice::Lattice;
 use super::mesh::{FREE, Mesh, Pore};
 use super::view::{Space, View};
-use super::{NONE, Triangulation, TriangulationError, Vertex};
+use super::{FACET, NONE, Triangulation, TriangulationError, Vertex};
 use crate::order;
 use glam::DVec3;
 use std::collections::HashMap;
 
 /// The largest power sphere of a torus, by its radius `rho` (with the largest weight added), must fit this often into the
-/// distance of lattice planes. Vertices of a pore are at most `2 rho` apart, the query at most `2 rho` from the
-/// vertices of pores in conflict and `3 rho` from the centres of their neighbours: half a period each.
-pub(super) const FIT: f64 = 6.0;
+/// distance of lattice planes.
+///
+/// A query in conflict with a pore lies within `rho` of its centre, so within `2 rho` of its vertices and `3 rho` of the centres of its
+/// neighbours. Then vertices are met at their nearest images (within half a period), and so is the centre of a pore in conflict. Of a
+/// neighbour that is not in conflict another image may be nearer, but is not in conflict either: it would lie within `rho` of the centre and
+/// `4 rho` of the query. Spheres only shrink as grains come in.
+pub(super) const FIT: f64 = 4.0;
 
 /// A vertex of a pore among images: the grain and its period along the reduced basis.
 type Image = (u32, [i32; 3]);
@@ -31,10 +35,11 @@ struct Period {
     square: f64,
 }
 
-/// `points` in space-filling order; `label` and `periods` (taken away from each grain of the user's numbering).
+/// `points` in space-filling order, `label` their numbers; the same points as the user numbers them, and the periods taken away from each.
 pub(super) fn triangulate(
     points: &[[f64; 4]],
     label: &[u32],
+    own: &[[f64; 4]],
     periods: &[[i32; 3]],
     space: &Space,
     spacing: f64,
@@ -63,27 +68,12 @@ pub(super) fn triangulate(
             let mut mesh = Mesh::new(View::new(points, label, n as u32, space));
             mesh.resume(period.pores, period.hidden);
             rest.iter().for_each(|&grain| mesh.insert(grain));
-            return unfold(&mesh, points, label, periods, &space.lattice);
+            let mut t = canonical::number(&mesh, n);
+            t.shifts = shifts(&t.pores, own, periods, &space.lattice)?;
+            return Ok(t);
         }
         first *= 2.0;
     }
-}
-
-/// The pores of a torus with the shifts that lead from vertex to vertex.
-fn unfold(
-    mesh: &Mesh,
-    points: &[[f64; 4]],
-    label: &[u32],
-    periods: &[[i32; 3]],
-    lattice: &Lattice,
-) -> Result<Triangulation, TriangulationError> {
-    let mut t = canonical::number(mesh, points.len());
-    let mut place = vec![[0.0; 4]; points.len()];
-    for (&g, &point) in label.iter().zip(points) {
-        place[g as usize] = point;
-    }
-    t.shifts = shifts(&t.pores, &place, periods, lattice)?;
-    Ok(t)
 }
 
 /// The shifts of pores whose vertices are different grains at their nearest images; points in the user's numbering.
@@ -140,7 +130,7 @@ fn raw(
 
 /// Triangulates the subset with enough images and keeps one period.
 fn one_period(points: &[[f64; 4]], label: &[u32], subset: &[u32], space: &Space, spacing: f64) -> Period {
-    let mut margin = 3.0 * spacing;
+    let mut margin = 2.5 * spacing;
     loop {
         let images = Images::new(points, subset, &space.lattice, margin);
         match images.period(points, label, space, margin) {
@@ -215,7 +205,6 @@ impl Images {
         let wall = |v: u32| v as usize >= count;
         let image = |v: u32| if wall(v) { (v, [0; 3]) } else { self.source[v as usize] };
         let mut period = Period { pores: Vec::new(), shifts: Vec::new(), hidden: Vec::new(), square: 0.0 };
-        let mut number: HashMap<[Image; 4], u32> = HashMap::new();
         let mut needed = 0.0f64;
         for pore in mesh.pores.iter().filter(|p| p.vertex[0] != FREE) {
             let images = pore.vertex.map(image);
@@ -235,11 +224,11 @@ impl Images {
                 needed = needed.max(radius + lattice.height(j) * (-f[j]).max(f[j] - 1.0));
             }
             period.square = period.square.max(square);
-            let (key, first) = normal(images, wall, pore.vertex);
-            if first == [0; 3] {
-                number.insert(key, period.pores.len() as u32);
+            // Of the images of a pore, the one whose first vertex is in the first period.
+            let first = (0..4).filter(|&k| !wall(pore.vertex[k])).map(|k| images[k]).min();
+            if first.is_some_and(|(_, shift)| shift == [0; 3]) {
                 period.pores.push(*pore);
-                period.shifts.push(images.map(|i| i.1));
+                period.shifts.push([images[0].1, images[1].1, images[2].1, images[3].1]);
             }
         }
         if needed > margin {
@@ -248,16 +237,9 @@ impl Images {
         let n = points.len() as u32;
         for pore in &mut period.pores {
             pore.vertex = pore.vertex.map(|v| if wall(v) { n + v - count as u32 } else { image(v).0 });
-            for p in &mut pore.neighbour {
-                if *p == NONE {
-                    continue;
-                }
-                let vertex = mesh.pores[*p as usize].vertex;
-                match number.get(&normal(vertex.map(image), wall, vertex).0) {
-                    Some(&across) => *p = across,
-                    None => return Err(1.3 * margin),
-                }
-            }
+        }
+        if !period.link(n) {
+            return Err(1.3 * margin);
         }
         let base = mesh.hidden.iter().map(|&v| self.source[v as usize]).filter(|s| s.1 == [0; 3]);
         period.hidden = base.map(|s| s.0).collect();
@@ -265,12 +247,31 @@ impl Images {
     }
 }
 
-/// The vertices of a pore, sorted, with the shifts relative to the first; and that of the first.
-fn normal(images: [Image; 4], wall: impl Fn(u32) -> bool, vertex: [u32; 4]) -> ([Image; 4], [i32; 3]) {
-    let mut sorted = [0, 1, 2, 3].map(|k| (wall(vertex[k]), images[k]));
-    sorted.sort_unstable(); // walls last
-    let first = sorted[0].1.1;
-    let relative =
-        |(wall, (v, s)): (bool, Image)| (v, if wall { s } else { [0, 1, 2].map(|j| s[j] - first[j]) });
-    (sorted.map(relative), first)
+impl Period {
+    /// Makes the two pores of each facet neighbours; false if there are not two.
+    fn link(&mut self, first_wall: u32) -> bool {
+        // A facet is known by its sorted vertices with the shifts relative to the first.
+        let mut open: HashMap<[Image; 3], (usize, usize)> = HashMap::new();
+        for p in 0..self.pores.len() {
+            for k in 0..4 {
+                let mut facet = FACET[k].map(|j| (self.pores[p].vertex[j], self.shifts[p][j]));
+                facet.sort_unstable(); // walls last
+                let (first, shift) = facet[0];
+                if first >= first_wall {
+                    self.pores[p].neighbour[k] = NONE;
+                    continue;
+                }
+                for (vertex, s) in &mut facet {
+                    *s = if *vertex < first_wall { [0, 1, 2].map(|j| s[j] - shift[j]) } else { [0; 3] };
+                }
+                if let Some((q, back)) = open.remove(&facet) {
+                    self.pores[p].neighbour[k] = q as u32;
+                    self.pores[q].neighbour[back] = p as u32;
+                } else {
+                    open.insert(facet, (p, k));
+                }
+            }
+        }
+        open.is_empty()
+    }
 }

@@ -100,28 +100,46 @@ impl<'a> View<'a> {
 
     /// The rows of a pore, all seen in the same image.
     ///
-    /// In a torus the nearest of the four is met at its nearest image (it lies within two radii of the largest power
-    /// sphere, of which six fit into a period), the others from there.
+    /// In a torus the nearest of the four is met at its nearest image, the others from there. Of a pore in conflict or in a tie with
+    /// the query that is the image meant (all four lie within two radii, see [`FIT`](super::periodic::FIT)); any other pore is in conflict
+    /// in no image.
     pub fn rows(&self, vertex: [u32; 4], query: [f64; 4]) -> [Row; 4] {
+        let [a, b, c, d] = vertex;
+        if !self.torus {
+            return [self.row(a, query), self.row(b, query), self.row(c, query), self.row(d, query)];
+        }
+        let close = |v: u32| self.points.get(v as usize).is_none_or(|p| self.is_close(p, &query));
+        if close(a) && close(b) && close(c) && close(d) {
+            return [self.row(a, query), self.row(b, query), self.row(c, query), self.row(d, query)];
+        }
         let mut rows = [Row::default(); 4];
         for k in 0..4 {
             rows[k] = self.row(vertex[k], query);
         }
-        if self.torus {
-            let square = |r: &Row| r.x * r.x + r.y * r.y + r.z * r.z;
-            let grains = (0..4).filter(|&k| self.is_grain(vertex[k]));
-            let base = grains.min_by(|&i, &j| square(&rows[i]).total_cmp(&square(&rows[j]))).unwrap_or(0);
-            for k in (0..4).filter(|&k| k != base) {
-                rows[k] = self.row_beside(vertex[k], vertex[base], &rows[base], query);
-            }
+        let square = |r: &Row| r.x * r.x + r.y * r.y + r.z * r.z;
+        let grains = (0..4).filter(|&k| self.is_grain(vertex[k]));
+        let base = grains.min_by(|&i, &j| square(&rows[i]).total_cmp(&square(&rows[j]))).unwrap_or(0);
+        for k in (0..4).filter(|&k| k != base) {
+            rows[k] = self.row_beside(vertex[k], vertex[base], &rows[base], query);
         }
         rows
     }
 
+    /// Whether two points are so close that others as close are in the same image.
+    #[inline(always)]
+    fn is_close(&self, p: &[f64; 4], q: &[f64; 4]) -> bool {
+        self.lattice.is_close([p[0] - q[0], p[1] - q[1], p[2] - q[2]])
+    }
+
     /// The row of a vertex in the image nearest to another grain of the same pore.
+    #[inline]
     pub fn row_beside(&self, vertex: u32, beside: u32, row: &Row, query: [f64; 4]) -> Row {
         match self.points.get(vertex as usize) {
             Some(p) => {
+                let d = [p[0] - query[0], p[1] - query[1], p[2] - query[2]];
+                if self.lattice.is_close(d) && self.lattice.is_close([row.x, row.y, row.z]) {
+                    return predicates::grain_row(d, p[3] - query[3]);
+                }
                 let b = self.points[beside as usize];
                 let d = self.lattice.nearest([p[0] - b[0], p[1] - b[1], p[2] - b[2]]);
                 predicates::grain_row([d[0] + row.x, d[1] + row.y, d[2] + row.z], p[3] - query[3])
