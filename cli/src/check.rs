@@ -29,6 +29,7 @@ fn show(implied: &Implied) {
         eprintln!("  about {pores} pores");
     }
     eprintln!("  about {:.0} MB of memory", memory / 1e6);
+    let count = *grains as f64;
     for stage in stages {
         eprintln!("stage {}", stage.name);
         eprintln!("  time step {:.3e} s, limited by {}", stage.time_step, stage.cause);
@@ -48,6 +49,10 @@ fn show(implied: &Implied) {
                 "  {steps} steps: the water would shorten explicit ones about {:.1} times",
                 water.shortens
             );
+            if let Some([nx, ny, nz]) = stage.cells {
+                let each = count / (nx * ny * nz) as f64;
+                eprintln!("  {nx} x {ny} x {nz} cells with {each:.1} grains each");
+            }
             eprintln!("  consolidation takes about {:.2e} s", water.consolidation);
         }
     }

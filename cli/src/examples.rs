@@ -46,6 +46,13 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
         "boundary rules, slip",
         &[("symmetry", "the wall is a mirror for the water"), ("no-slip", "the water sticks to the wall")],
     ),
+    (
+        "flows",
+        &[
+            ("pores", "pore by pore: a finite volume method on the triangulation of the grains"),
+            ("darcy", "Darcy's law on a grid coarser than the grains"),
+        ],
+    ),
     ("conductances", &[("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)")]),
     (
         "steps of the water",

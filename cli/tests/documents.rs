@@ -63,6 +63,7 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("contact={x=1}", true),
         ("grains.packing={x=1}", true),
         ("watch.0.measures=['x']", false),
+        ("fluid.flow={x=1}", true),
         ("fluid.flow.pores.solver=x", true),
         ("fluid.flow.pores.step=x", true),
         ("fluid.flow.pores.conductance=x", true),

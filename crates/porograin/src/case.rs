@@ -71,6 +71,9 @@ pub struct DomainTable {
     /// The low corner [m].
     #[serde(default)]
     pub origin: [f64; 3],
+    /// The grains are discs that move in the plane of x and z, as thick as the box along y.
+    #[serde(default)]
+    pub discs: bool,
 }
 
 /// How the grains are made.

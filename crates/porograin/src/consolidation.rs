@@ -8,12 +8,13 @@
 //! at once.
 
 use crate::boundary::{Signal, Solid, Water};
-use crate::model::{Flow, Model};
+use crate::darcy;
+use crate::fluid;
+use crate::model::{Flow, FluidModel, Model};
 use crate::permeability::{self, Problem};
 use crate::pores::mesh::{FREE, Mesh};
 use crate::state::State;
 use crate::step::{StepError, Work, step};
-use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -117,7 +118,6 @@ impl Consolidation {
     pub fn begin(state: &State, model: &Model) -> Result<Self, ConsolidationError> {
         let unsuitable = |why| Err(ConsolidationError::Unsuitable(why));
         let Some(fluid) = &model.fluid else { return unsuitable("it is dry") };
-        let Flow::Pores(pores) = &fluid.flow;
         let Solid::Servo { stress, .. } = &model.faces[TOP].solid else {
             return unsuitable("its top face is not a servo");
         };
@@ -135,25 +135,12 @@ impl Consolidation {
         let height = (cell.upper() - cell.origin).z;
         let (dry_settlement, strain) = dry_test(state, model, target, load)?;
         let modulus = load / strain;
-        let problem = Problem {
-            axis: 2,
-            drop: load,
-            sides: model.faces[0].slip,
-            viscosity: fluid.viscosity,
-            conductance: pores.conductance,
-            solver: pores.solver,
-            residual: pores.residual,
-        };
-        let flow = permeability::measure(cell, &state.grains.position, &state.grains.radius, &problem)
-            .map_err(|error| ConsolidationError::Permeability(error.to_string()))?;
-        let section = state.domain.area(TOP);
-        let held = [0, 1]
-            .map(|end| if open[end] { held_volume(&flow.mesh, (BOTTOM + end) as u8) / section } else { 0.0 });
+        let (permeability, held) = measure_flow(state, model, fluid, load, open)?;
         Ok(Consolidation {
             start: state.time,
             load,
             height,
-            permeability: flow.permeability,
+            permeability,
             modulus,
             dry_settlement,
             viscosity: fluid.viscosity,
@@ -197,8 +184,7 @@ impl Consolidation {
     }
 
     /// Takes a record if one is due.
-    pub fn watch(&mut self, state: &State, mesh: &Mesh) {
-        let Some(water) = state.pores() else { return };
+    pub fn watch(&mut self, state: &State, water: &fluid::Scratch) {
         let time = state.time - self.start;
         if self.dimensionless(time, self.path()) < self.next {
             return;
@@ -207,12 +193,8 @@ impl Consolidation {
             self.next *= RATIO;
         }
         let cell = &state.domain.cell;
-        let packing = Packing { cell, position: &state.grains.position, radius: &state.grains.radius };
-        self.records.push(Record {
-            time,
-            settlement: self.height - (cell.upper() - cell.origin).z,
-            profile: permeability::profile(packing, mesh, &water.pressure, 2),
-        });
+        let Some(profile) = water.profile(state, 2) else { return };
+        self.records.push(Record { time, settlement: self.height - (cell.upper() - cell.origin).z, profile });
     }
 
     /// Pressure over load that theory expects at height `z` [m] above the bottom.
@@ -319,6 +301,41 @@ fn series(tv: f64, term: impl Fn(f64, f64) -> f64) -> f64 {
         }
     }
     sum
+}
+
+/// Permeability along the height [m²], and the thickness of what is held at the pressure of bottom and top [m].
+fn measure_flow(
+    state: &State,
+    model: &Model,
+    fluid: &FluidModel,
+    drop: f64,
+    open: [bool; 2],
+) -> Result<(f64, [f64; 2]), ConsolidationError> {
+    let pores = match &fluid.flow {
+        Flow::Pores(pores) => pores,
+        Flow::Darcy(settings) => {
+            let around = fluid::coarse::around(state, model, fluid);
+            let permeability =
+                darcy::permeability_along(settings, &around, 2).map_err(ConsolidationError::Permeability)?;
+            return Ok((permeability, [0.0; 2]));
+        }
+    };
+    let problem = Problem {
+        axis: 2,
+        drop,
+        sides: model.faces[0].slip,
+        viscosity: fluid.viscosity,
+        conductance: pores.conductance,
+        solver: pores.solver,
+        residual: pores.residual,
+    };
+    let cell = &state.domain.cell;
+    let flow = permeability::measure(cell, &state.grains.position, &state.grains.radius, &problem)
+        .map_err(|error| ConsolidationError::Permeability(error.to_string()))?;
+    let section = state.domain.area(TOP);
+    let held = [0, 1]
+        .map(|end| if open[end] { held_volume(&flow.mesh, (BOTTOM + end) as u8) / section } else { 0.0 });
+    Ok((flow.permeability, held))
 }
 
 /// Volume of the pores that a face holds [m³].

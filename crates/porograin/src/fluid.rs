@@ -1,9 +1,11 @@
 //! The water: it follows the grains, feels how they move, and loads them.
 
 use crate::boundary::{Slip, Water};
-use crate::grains::{Grains, Loads, sphere_volume};
+use crate::darcy::{self, GridState};
+use crate::grains::{Grains, Loads};
 use crate::model::{Flow, FluidModel, Model};
 use crate::motion::pistons;
+use crate::permeability;
 use crate::pores::mesh::{Carried, Mesh, Walls};
 use crate::pores::{Memory, PoreState, Pores, Recipe, Stepping, System, viscous};
 use crate::state::State;
@@ -13,6 +15,7 @@ use porograin_geometry::throat::Packing;
 use porograin_geometry::triangulation::wall;
 use serde::{Deserialize, Serialize};
 
+pub(crate) mod coarse;
 mod implicit;
 use implicit::Foreseen;
 pub use implicit::PAYS;
@@ -22,6 +25,8 @@ pub use implicit::PAYS;
 pub enum Fluid {
     /// Pore by pore.
     Pores(PoreState),
+    /// On a grid coarser than the grains.
+    Darcy(GridState),
 }
 
 /// Steps between two looks at how much the pores have deformed.
@@ -33,6 +38,8 @@ pub struct Scratch {
     made: Option<Made>,
     carried: Carried,
     implicit: Foreseen,
+    /// Of the grid.
+    pub darcy: darcy::Scratch,
 }
 
 /// A mesh and its factorised system, and what they were made of.
@@ -53,6 +60,21 @@ impl Scratch {
     /// The mesh in use, once there is one.
     pub fn mesh(&self) -> Option<&Mesh> {
         self.made.as_ref().map(|made| &made.mesh)
+    }
+
+    /// Mean excess pressure at 13 heights along an axis [Pa], while there is water.
+    pub fn profile(&self, state: &State, axis: usize) -> Option<[f64; 13]> {
+        match state.fluid.as_ref()? {
+            Fluid::Pores(water) => {
+                let packing = Packing {
+                    cell: &state.domain.cell,
+                    position: &state.grains.position,
+                    radius: &state.grains.radius,
+                };
+                Some(permeability::profile(packing, self.mesh()?, &water.pressure, axis))
+            }
+            Fluid::Darcy(water) => Some(self.darcy.grid()?.profile(&water.pressure, axis)),
+        }
     }
 
     /// What the set-up of the pressure solve made, once there is one.
@@ -83,7 +105,14 @@ pub fn follow(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result
         scratch.made = None;
         return Ok(None);
     };
-    let Flow::Pores(pores) = &fluid.flow;
+    let pores = match &fluid.flow {
+        Flow::Pores(pores) => pores,
+        Flow::Darcy(settings) => {
+            scratch.made = None;
+            coarse::follow(state, model, fluid, settings, &mut scratch.darcy)?;
+            return Ok(None);
+        }
+    };
     let recipe = recipe(model, fluid, pores);
     if state.pores().is_none_or(|water| water.recipe != recipe) {
         renew(state, &recipe, model, pores, scratch)?;
@@ -201,9 +230,13 @@ pub fn advance(
     dt: f64,
     scratch: &mut Scratch,
 ) -> Result<Option<Report>, StepError> {
-    let Scratch { made, carried, implicit: foreseen } = scratch;
+    let Scratch { made, carried, implicit: foreseen, darcy } = scratch;
     foreseen.clear();
-    let (Some(Made { mesh, system, .. }), Some(fluid)) = (made, &model.fluid) else { return Ok(None) };
+    if state.grid().is_some() {
+        return coarse::advance(loads, state, model, dt, darcy);
+    }
+    let Some(FluidModel { flow: Flow::Pores(pores), .. }) = &model.fluid else { return Ok(None) };
+    let Some(Made { mesh, system, .. }) = made else { return Ok(None) };
     if state.pores().is_some_and(|water| water.implicit.is_some()) {
         foreseen.foresee(loads, state, model, mesh, dt);
     }
@@ -226,10 +259,7 @@ pub fn advance(
             mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, carried);
             system.solve(mesh, &carried.node, &held, pressure)
         }
-        Some(memory) => {
-            let Flow::Pores(pores) = &fluid.flow;
-            foreseen.solve(system, mesh, grains, pores.implicit_residual, memory, pressure)
-        }
+        Some(memory) => foreseen.solve(system, mesh, grains, pores.implicit_residual, memory, pressure),
     }
     .map_err(|error| cannot_solve(error, mesh, grains))?;
     let implicit = water.implicit.is_some();
@@ -242,7 +272,7 @@ pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
     let lift = -fluid.density * model.gravity;
     if lift != DVec3::ZERO {
         for (force, &radius) in loads.force.iter_mut().zip(&grains.radius) {
-            *force += lift * sphere_volume(radius);
+            *force += lift * grains.shape.volume(radius);
         }
     }
 }
@@ -250,7 +280,10 @@ pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
 /// Adds what the pressures do to grains and walls.
 ///
 /// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
-pub fn add(loads: &mut Loads, state: &State, scratch: &Scratch) {
+pub fn add(loads: &mut Loads, state: &State, scratch: &mut Scratch) {
+    if let Some(water) = state.grid() {
+        darcy::add(loads, water, &state.grains, &mut scratch.darcy);
+    }
     if let (Some(made), Some(water)) = (&scratch.made, state.pores()) {
         push(loads, &made.mesh, &water.pressure);
     }

@@ -3,12 +3,47 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// Spherical grains, one entry per grain in every array.
+/// What the grains are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Shape {
+    /// Spheres.
+    #[default]
+    Sphere,
+    /// Discs with axes along y that move in the plane of x and z.
+    Disc {
+        /// Along y [m].
+        thickness: f64,
+    },
+}
+
+impl Shape {
+    /// Volume of a grain of this radius [m³].
+    #[inline]
+    pub fn volume(self, radius: f64) -> f64 {
+        match self {
+            Shape::Sphere => sphere_volume(radius),
+            Shape::Disc { thickness } => std::f64::consts::PI * radius * radius * thickness,
+        }
+    }
+
+    /// Moment of inertia over mass and squared radius [-]; of a disc about its axis.
+    #[inline]
+    pub fn gyration(self) -> f64 {
+        match self {
+            Shape::Sphere => 0.4,
+            Shape::Disc { .. } => 0.5,
+        }
+    }
+}
+
+/// Grains, one entry per grain in every array.
 ///
 /// Velocities belong to the middle of the last step
 /// (leapfrog, `physics` §2): `position(t)`, `velocity(t - dt/2)`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Grains {
+    /// What they are.
+    pub shape: Shape,
     /// Centres [m].
     pub position: Vec<DVec3>,
     /// Velocities of the centres [m/s].
@@ -27,13 +62,19 @@ pub struct Grains {
 }
 
 impl Grains {
-    /// Grains at rest with `mass = density 4/3 pi r³`, numbered in the given order.
+    /// Spheres at rest with `mass = density 4/3 pi r³`, numbered in the given order.
     pub fn at_rest(position: Vec<DVec3>, radius: Vec<f64>, density: f64) -> Self {
+        Self::shaped(Shape::Sphere, position, radius, density)
+    }
+
+    /// Grains of one shape at rest, numbered in the given order.
+    pub fn shaped(shape: Shape, position: Vec<DVec3>, radius: Vec<f64>, density: f64) -> Self {
         let n = position.len();
         Grains {
+            shape,
             velocity: vec![DVec3::ZERO; n],
             spin: vec![DVec3::ZERO; n],
-            mass: radius.iter().map(|&r| density * sphere_volume(r)).collect(),
+            mass: radius.iter().map(|&r| density * shape.volume(r)).collect(),
             material: vec![0; n],
             id: (0..n as u32).collect(),
             position,
@@ -51,15 +92,16 @@ impl Grains {
         self.position.is_empty()
     }
 
-    /// Moment of inertia of grain `i` about any axis through its centre, `2/5 m r²` [kg m²].
+    /// Moment of inertia of grain `i`: of a sphere about any axis through its centre, `2/5 m r²`; of a disc about its own,
+    /// `1/2 m r²` [kg m²].
     #[inline]
     pub fn inertia(&self, i: usize) -> f64 {
-        0.4 * self.mass[i] * self.radius[i] * self.radius[i]
+        self.shape.gyration() * self.mass[i] * self.radius[i] * self.radius[i]
     }
 
-    /// Sum of the sphere volumes [m³]; overlaps count twice.
+    /// Sum of the grains' volumes [m³]; overlaps count twice.
     pub fn volume(&self) -> f64 {
-        self.radius.iter().map(|&r| sphere_volume(r)).sum()
+        self.radius.iter().map(|&r| self.shape.volume(r)).sum()
     }
 }
 

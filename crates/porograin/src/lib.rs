@@ -5,6 +5,7 @@ pub mod boundary;
 pub mod case;
 pub mod consolidation;
 pub mod contact;
+pub mod darcy;
 pub mod fluid;
 pub mod grains;
 pub mod gravity;

@@ -2,6 +2,7 @@
 
 use crate::boundary::Face;
 use crate::contact::Laws;
+use crate::darcy::Darcy;
 use crate::pores::Pores;
 use glam::DVec3;
 use serde::Deserialize;
@@ -56,6 +57,8 @@ pub struct FluidModel {
     /// [kg/m³]
     #[serde(default = "water")]
     pub density: f64,
+    /// Bulk modulus K_f [Pa]; left out: incompressible.
+    pub bulk_modulus: Option<f64>,
     /// How its flow is computed.
     #[serde(default)]
     pub flow: Flow,
@@ -71,6 +74,8 @@ fn water() -> f64 {
 pub enum Flow {
     /// Pore by pore (Catalano ch. 3).
     Pores(Pores),
+    /// Darcy's law on a grid coarser than the grains (Goodarzi et al. 2013).
+    Darcy(Darcy),
 }
 
 impl Default for Flow {

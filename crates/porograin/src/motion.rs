@@ -1,7 +1,7 @@
 //! Moving grains and walls: leapfrog, pistons, local damping.
 
 use crate::boundary::{Domain, Signal, Solid};
-use crate::grains::{Grains, Loads};
+use crate::grains::{Grains, Loads, Shape};
 use crate::model::Model;
 use crate::state::State;
 use glam::{DMat3, DVec3};
@@ -78,14 +78,21 @@ pub fn foresee(state: &State, model: &Model, loads: &Loads, felt: &Loads, dt: f6
 }
 
 fn move_grains(grains: &mut Grains, loads: &Loads, felt: &Loads, damping: f64, kick: f64, dt: f64) {
+    let gyration = grains.shape.gyration();
+    // Discs stay in the plane of x and z and turn about y only.
+    let (along, about) = match grains.shape {
+        Shape::Sphere => (DVec3::ONE, DVec3::ONE),
+        Shape::Disc { .. } => (DVec3::new(1.0, 0.0, 1.0), DVec3::Y),
+    };
     let Grains { position, velocity, spin, radius, mass, .. } = grains;
     (position, velocity, spin, &*radius, &*mass, &loads.force, &loads.torque, &felt.force, &felt.torque)
         .into_par_iter()
         .with_min_len(BLOCK)
         .for_each(|(position, velocity, spin, &radius, &mass, &force, &torque, &felt, &turned)| {
             let mobility = kick / mass;
-            *velocity += mobility * damped(force, felt, *velocity, damping);
-            *spin += mobility / (0.4 * radius * radius) * damped(torque, turned, *spin, damping);
+            *velocity += mobility * damped(force * along, felt * along, *velocity, damping);
+            *spin += mobility / (gyration * radius * radius)
+                * damped(torque * about, turned * about, *spin, damping);
             *position += dt * *velocity;
         });
 }

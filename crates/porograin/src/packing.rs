@@ -108,6 +108,7 @@ pub fn ordered(cell: &Cell, grains: Grains) -> Grains {
         order.iter().map(|&k| values[k as usize]).collect()
     }
     Grains {
+        shape: grains.shape,
         position: pick(&grains.position, &order),
         velocity: pick(&grains.velocity, &order),
         spin: pick(&grains.spin, &order),

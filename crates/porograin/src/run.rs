@@ -3,6 +3,7 @@
 use crate::boundary::{FACE_NAMES, Solid};
 use crate::case::{Case, CaseError, Plan, Stage, reason};
 use crate::consolidation::{Consolidation, ConsolidationError};
+use crate::darcy::Census;
 use crate::measure;
 use crate::model::Model;
 use crate::output::folder::Folder;
@@ -165,10 +166,9 @@ impl Simulation {
         let report = step(&mut self.state, &self.model, &mut self.work)
             .map_err(|error| RunError::Step { stage: stage.name.clone(), error })?;
         if stage.consolidation
-            && let (Some(consolidation), Some(mesh)) =
-                (&mut self.progress.consolidation, self.work.fluid.mesh())
+            && let Some(consolidation) = &mut self.progress.consolidation
         {
-            consolidation.watch(&self.state, mesh);
+            consolidation.watch(&self.state, &self.work.fluid);
         }
         let Some(ended) = self.ended(stage, began)? else { return Ok(Some(Event::Step(report))) };
         self.progress.done.push(Done {
@@ -338,7 +338,7 @@ pub fn run(
             model: &simulation.model,
             began: &began,
             loads: &simulation.work.loads,
-            mesh: simulation.work.fluid.mesh(),
+            water: &simulation.work.fluid,
             report: &report,
         };
         folder.record(&now, end).map_err(unwritable)?;
@@ -416,6 +416,10 @@ impl Sitting {
 /// What is known of the sample and of its consolidation so far, into the summary and the picture.
 fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError> {
     folder.summary.sample = sample(simulation, &folder.summary.sample);
+    if let Some(census) = folder.summary.sample.grid {
+        folder.summary.warnings.retain(|warning| !Census::wrote(warning));
+        folder.summary.warnings.extend(census.warning());
+    }
     let Some(consolidation) = &simulation.progress.consolidation else { return Ok(()) };
     let Some(comparison) = consolidation.compare() else { return Ok(()) };
     folder.summary.terzaghi = Some(Terzaghi::new(consolidation, &comparison));
@@ -432,6 +436,7 @@ fn sample(simulation: &Simulation, before: &Sample) -> Sample {
         pores: census.map(|c| c.pores).or(before.pores),
         throats: census.map(|c| c.throats).or(before.throats),
         merged: census.map(|c| c.merged).or(before.merged),
+        grid: simulation.work.fluid.darcy.grid().map(|grid| grid.census).or(before.grid),
         permeability: consolidation.map(|c| c.permeability),
         oedometric_modulus: consolidation.map(|c| c.box_modulus()),
         grains: grains.len(),

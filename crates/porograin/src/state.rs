@@ -2,6 +2,7 @@
 
 use crate::boundary::Domain;
 use crate::contact::Contacts;
+use crate::darcy::GridState;
 use crate::fluid::Fluid;
 use crate::grains::Grains;
 use crate::pores::PoreState;
@@ -31,6 +32,15 @@ impl State {
     pub fn pores(&self) -> Option<&PoreState> {
         match self.fluid.as_ref()? {
             Fluid::Pores(pores) => Some(pores),
+            Fluid::Darcy(_) => None,
+        }
+    }
+
+    /// The water, where it is computed on a grid.
+    pub fn grid(&self) -> Option<&GridState> {
+        match self.fluid.as_ref()? {
+            Fluid::Pores(_) => None,
+            Fluid::Darcy(grid) => Some(grid),
         }
     }
 }

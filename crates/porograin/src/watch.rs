@@ -1,5 +1,7 @@
 //! Watchers: which measures go into the history, and when.
 
+use crate::darcy::Grid;
+use crate::fluid;
 use crate::grains::Loads;
 use crate::measure;
 use crate::model::Model;
@@ -8,7 +10,6 @@ use crate::pores::Mesh;
 use crate::progress::Began;
 use crate::state::State;
 use crate::step::Report;
-use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
 
 /// When to do something again and again.
@@ -171,16 +172,21 @@ pub struct Snapshot<'a> {
     pub began: &'a Began,
     /// Loads of the step.
     pub loads: &'a Loads,
-    /// The pores, in a wet stage.
-    pub mesh: Option<&'a Mesh>,
+    /// What the water was computed with.
+    pub water: &'a fluid::Scratch,
     /// What the step did.
     pub report: &'a Report,
 }
 
 impl Snapshot<'_> {
-    /// The pores and the pressure of each node [Pa], in a wet stage.
-    pub fn water(&self) -> Option<(&Mesh, &[f64])> {
-        Some((self.mesh?, &self.state.pores()?.pressure))
+    /// The pores and the pressure of each node [Pa], in a stage with pores.
+    pub fn pores(&self) -> Option<(&Mesh, &[f64])> {
+        Some((self.water.mesh()?, &self.state.pores()?.pressure))
+    }
+
+    /// The grid and the pressure of each cell and wall face [Pa], in a stage with coarse water.
+    pub fn grid(&self) -> Option<(&Grid, &[f64])> {
+        Some((self.water.darcy.grid()?, &self.state.grid()?.pressure))
     }
 }
 
@@ -206,7 +212,10 @@ impl Measure {
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],
             Measure::Pressure => {
-                let (mesh, pressure) = now.water()?;
+                if let Some((grid, pressure)) = now.grid() {
+                    return Some(grid.mean_least_greatest(pressure).to_vec());
+                }
+                let (mesh, pressure) = now.pores()?;
                 let (mut sum, mut volume) = (0.0, 0.0);
                 for (v, &node) in mesh.volume.iter().zip(&mesh.node) {
                     sum += v * pressure[node as usize];
@@ -216,14 +225,12 @@ impl Measure {
                 let greatest = pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 vec![sum / volume, least, greatest]
             }
-            Measure::PressureProfile => {
-                let (mesh, pressure) = now.water()?;
-                let packing =
-                    Packing { cell: &domain.cell, position: &grains.position, radius: &grains.radius };
-                permeability::profile(packing, mesh, pressure, 2).to_vec()
-            }
+            Measure::PressureProfile => now.water.profile(now.state, 2)?.to_vec(),
             Measure::Outflow => {
-                let (mesh, pressure) = now.water()?;
+                if now.grid().is_some() {
+                    return Some(now.water.darcy.flows.outflow.to_vec());
+                }
+                let (mesh, pressure) = now.pores()?;
                 permeability::fluxes(mesh, pressure).iter().map(|flux| -flux).collect()
             }
         })

@@ -60,7 +60,7 @@ fn a_case_becomes_models() {
     assert!(matches!(load.faces[5].solid, Solid::Servo { .. }));
     assert_eq!((confine.contact.all.friction(), load.contact.all.friction()), (3.0, 30.0));
     let fluid = load.fluid.unwrap();
-    let Flow::Pores(pores) = fluid.flow;
+    let Flow::Pores(pores) = fluid.flow else { panic!("the flow is that of the pores") };
     assert_eq!((fluid.viscosity, fluid.density, pores.remesh.strain), (4.0, 1000.0, 0.01));
 }
 

@@ -49,6 +49,7 @@ fn sample(viscosity: f64) -> (State, Model) {
         fluid: Some(FluidModel {
             viscosity,
             density: 1000.0,
+            bulk_modulus: None,
             flow: Flow::Pores(Pores {
                 remesh: porograin::pores::Remesh { strain: 2e-4 },
                 step: porograin::pores::Stepping::Explicit,

@@ -59,7 +59,7 @@ fn pressed(count: usize) -> (State, Model) {
 
 fn water(viscosity: f64, step: Stepping) -> Option<FluidModel> {
     let pores = Pores { step, ..Pores::default() };
-    Some(FluidModel { viscosity, density: 1000.0, flow: Flow::Pores(pores) })
+    Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) })
 }
 
 /// Runs for `steps`; the last settlement [m], and the sum of iterations.
@@ -86,7 +86,8 @@ fn the_new_velocities_and_the_pressures_fit() {
     model.faces[5].water = Water::Pressure(Signal::Constant(1e3));
     model.damping = 0.2;
     let pores = Pores { step: Stepping::Implicit, implicit_residual: 1e-11, ..Pores::default() };
-    model.fluid = Some(FluidModel { viscosity: 40.0, density: 1000.0, flow: Flow::Pores(pores) });
+    model.fluid =
+        Some(FluidModel { viscosity: 40.0, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) });
     let (mut state, mut work) = (start, Work::default());
     for _ in 0..20 {
         step(&mut state, &model, &mut work).unwrap();
@@ -206,7 +207,8 @@ fn the_same_bits_on_any_number_of_threads_and_without_scratch() {
         step: Stepping::Implicit,
         ..Pores::default()
     };
-    model.fluid = Some(FluidModel { viscosity: 8.0, density: 1000.0, flow: Flow::Pores(pores) });
+    model.fluid =
+        Some(FluidModel { viscosity: 8.0, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) });
     model.damping = 0.1;
     let run = |threads: usize, drop_every: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

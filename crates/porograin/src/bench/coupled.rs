@@ -179,6 +179,7 @@ fn model(stress: f64, viscosity: f64) -> Model {
         step: Stepping::Explicit,
         ..Pores::default()
     };
-    model.fluid = Some(FluidModel { viscosity, density: 1000.0, flow: Flow::Pores(pores) });
+    model.fluid =
+        Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) });
     model
 }

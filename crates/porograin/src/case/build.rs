@@ -3,7 +3,7 @@
 use super::{Case, CaseError, Cloud, Lattice, Packing, StageTable, StageWater, Until};
 use crate::boundary::Domain;
 use crate::contact::{Contacts, Laws};
-use crate::grains::Grains;
+use crate::grains::{Grains, Shape};
 use crate::import;
 use crate::model::Model;
 use crate::packing;
@@ -105,11 +105,15 @@ impl Case {
         self.stage.iter().enumerate().map(complete).collect()
     }
 
+    fn shape(&self) -> Shape {
+        if self.domain.discs { Shape::Disc { thickness: self.domain.size[1] } } else { Shape::Sphere }
+    }
+
     fn make_grains(&self) -> Result<Grains, CaseError> {
         let (lower, upper) = self.corners();
         let density = self.grains.density;
         match &self.grains.packing {
-            Packing::Lattice(lattice) => Ok(fill(lattice, lower, upper, density)),
+            Packing::Lattice(lattice) => Ok(fill(lattice, self.shape(), lower, upper, density)),
             Packing::Cloud(cloud) => self.make_cloud(cloud),
             Packing::File(file) => {
                 let path = self.folder.join(file);
@@ -118,7 +122,7 @@ impl Case {
                     import::read(&path).map_err(|e| self.source.fault("grains.packing.file", e.sentence))?;
                 let spheres = import::spheres(&name, &text)?;
                 spheres.within(&name, &text, lower, upper)?;
-                Ok(Grains::at_rest(spheres.position, spheres.radius, density))
+                Ok(Grains::shaped(self.shape(), spheres.position, spheres.radius, density))
             }
         }
     }
@@ -132,7 +136,7 @@ impl Case {
 }
 
 /// The lattice, centred in the box.
-fn fill(lattice: &Lattice, lower: DVec3, upper: DVec3, density: f64) -> Grains {
+fn fill(lattice: &Lattice, shape: Shape, lower: DVec3, upper: DVec3, density: f64) -> Grains {
     let [nx, ny, nz] = lattice.count;
     let pitch = (upper - lower) / DVec3::new(nx as f64, ny as f64, nz as f64);
     let mut position = Vec::with_capacity(nx * ny * nz);
@@ -144,5 +148,5 @@ fn fill(lattice: &Lattice, lower: DVec3, upper: DVec3, density: f64) -> Grains {
         }
     }
     let radius = vec![lattice.radius; position.len()];
-    Grains::at_rest(position, radius, density)
+    Grains::shaped(shape, position, radius, density)
 }

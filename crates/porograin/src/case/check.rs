@@ -3,6 +3,7 @@
 use super::{Case, CaseError, FaceTable, Packing, StageWater};
 use crate::boundary::{Signal, Solid, Water};
 use crate::contact::{Law, Restitution};
+use crate::darcy::{Cells, Darcy, Permeability, Transfer};
 use crate::model::{Flow, TimeStep};
 use crate::watch::Every;
 
@@ -36,8 +37,16 @@ impl Case {
         if let Some(fluid) = &self.fluid {
             self.number("fluid.viscosity", fluid.viscosity, Range::Positive)?;
             self.number("fluid.density", fluid.density, Range::Positive)?;
+            self.optional("fluid.bulk-modulus", fluid.bulk_modulus, Range::Positive)?;
             self.flow("fluid.flow", &fluid.flow)?;
+            if fluid.bulk_modulus.is_some() && matches!(fluid.flow, Flow::Pores(_)) {
+                return Err(self
+                    .source
+                    .fault("fluid.bulk-modulus", "the water of the pores is incompressible")
+                    .hint("leave `bulk-modulus` out, or compute the flow on a grid: flow = { darcy = {} }"));
+            }
         }
+        self.check_discs()?;
         self.check_stages()?;
         for (k, watch) in self.watch.iter().enumerate() {
             self.every(&format!("watch.{k}.every"), &watch.every)?;
@@ -48,9 +57,43 @@ impl Case {
         self.number("output.checkpoint", self.output.checkpoint, Range::NotNegative)
     }
 
+    /// Discs live in a plane, and the pores between them are no tetrahedra.
+    fn check_discs(&self) -> Result<(), CaseError> {
+        if !self.domain.discs {
+            return Ok(());
+        }
+        for (k, stage) in self.stage.iter().enumerate() {
+            let model = self.model(k, 0.0);
+            let place = |key: &str, own: bool| if own { format!("stage.{k}.{key}") } else { key.to_owned() };
+            if model.gravity.y != 0.0 {
+                return self.refuse(
+                    &place("gravity", stage.gravity.is_some()),
+                    "discs move in the plane of x and z: `gravity` must have no part along y",
+                );
+            }
+            if let Some(Flow::Pores(_)) = model.fluid.map(|fluid| fluid.flow) {
+                let own = matches!(&stage.fluid, Some(StageWater::Other(liquid)) if liquid.flow.is_some());
+                return Err(self
+                    .source
+                    .fault(
+                        &place("fluid", own),
+                        "pores are made by spheres, but `domain.discs` asks for discs",
+                    )
+                    .hint("compute the flow on a grid: flow = { darcy = {} }"));
+            }
+        }
+        Ok(())
+    }
+
     fn check_packing(&self) -> Result<(), CaseError> {
         self.number("grains.density", self.grains.density, Range::Positive)?;
         match &self.grains.packing {
+            Packing::Cloud(_) if self.domain.discs => {
+                return self.refuse(
+                    "grains.packing.cloud",
+                    "a cloud is made of spheres, but `domain.discs` asks for discs: use a lattice or a file",
+                );
+            }
             Packing::Cloud(cloud) => {
                 if cloud.count == 0 {
                     return self
@@ -79,6 +122,17 @@ impl Case {
                     let path = format!("grains.packing.lattice.count.{k}");
                     if count == 0 {
                         return self.refuse(&path, "a lattice of 0 grains has nothing to simulate");
+                    }
+                    if self.domain.discs && k == 1 {
+                        if count != 1 {
+                            return self.refuse(
+                                &path,
+                                format!(
+                                    "discs are as thick as the box along y: there is room for 1, not {count}"
+                                ),
+                            );
+                        }
+                        continue;
                     }
                     let needed = 2.0 * lattice.radius * count as f64;
                     if needed > self.domain.size[k] * (1.0 + 1e-12) {
@@ -175,7 +229,8 @@ impl Case {
     /// Incompressible water in a box without an opening lets no wall move.
     fn sealed(&self, k: usize) -> Result<(), CaseError> {
         let model = self.model(k, 0.0);
-        if model.fluid.is_none() || model.faces.iter().any(|f| matches!(f.water, Water::Pressure(_))) {
+        let Some(fluid) = &model.fluid else { return Ok(()) };
+        if fluid.bulk_modulus.is_some() || model.faces.iter().any(|f| matches!(f.water, Water::Pressure(_))) {
             return Ok(());
         }
         for (index, face) in model.faces.iter().enumerate() {
@@ -285,6 +340,45 @@ impl Case {
                 self.number(&path_implicit, pores.implicit_residual, Range::Positive)?;
                 self.number(&format!("{path}.pores.remesh.strain"), pores.remesh.strain, Range::Positive)
             }
+            Flow::Darcy(darcy) => self.darcy(&format!("{path}.darcy"), darcy),
+        }
+    }
+
+    fn darcy(&self, path: &str, darcy: &Darcy) -> Result<(), CaseError> {
+        let at = |key: &str| format!("{path}.{key}");
+        self.number(&at("residual"), darcy.residual, Range::Positive)?;
+        self.number(&at("renew"), darcy.renew, Range::Positive)?;
+        match darcy.cells {
+            Cells::Count(count) => {
+                if self.domain.discs && count[1] != 1 {
+                    return self.refuse(
+                        &at("cells.count.1"),
+                        format!(
+                            "discs are as thick as the box along y: the grid has 1 cell there, not {}",
+                            count[1]
+                        ),
+                    );
+                }
+                if let Some(axis) = count.iter().position(|&n| n == 0) {
+                    return self.refuse(
+                        &at(&format!("cells.count.{axis}")),
+                        "a grid of 0 cells has nowhere to put water",
+                    );
+                }
+            }
+            Cells::Grains(each) => self.number(&at("cells.grains"), each, Range::Positive)?,
+            Cells::Size(edge) => self.number(&at("cells.size"), edge, Range::Positive)?,
+        }
+        if let Transfer::Kernel { width } = darcy.transfer {
+            self.number(&at("transfer.kernel.width"), width, Range::Positive)?;
+        }
+        match darcy.permeability {
+            Permeability::KozenyCarman(constant) => {
+                self.number(&at("permeability.kozeny-carman"), constant, Range::Positive)
+            }
+            Permeability::Given(along) => along.iter().enumerate().try_for_each(|(axis, &k)| {
+                self.number(&at(&format!("permeability.given.{axis}")), k, Range::Positive)
+            }),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::{Case, CaseError, Plan};
 use crate::boundary::{Signal, Solid};
+use crate::darcy;
 use crate::fluid;
 use crate::model::{Flow, Model, TimeStep};
 use crate::pores::Stepping;
@@ -28,7 +29,7 @@ pub struct Implied {
     pub radius: [f64; 3],
     /// Part of the box the grains fill at the start [-].
     pub solid_fraction: f64,
-    /// Pores of the saturated sample, 6.6 per grain.
+    /// Pores of the saturated sample, 6.6 per grain, where the flow is computed pore by pore.
     pub pores: Option<usize>,
     /// Memory [bytes].
     pub memory: f64,
@@ -53,6 +54,8 @@ pub struct ImpliedStage {
     pub stiffness_number: Option<f64>,
     /// What the water implies.
     pub water: Option<ImpliedWater>,
+    /// Cells of its grid along x, y, z, where it is coarse.
+    pub cells: Option<[usize; 3]>,
 }
 
 /// What the water implies, with the permeability of Kozeny-Carman at porosity 0.4.
@@ -87,7 +90,8 @@ impl Case {
         let least = grains.radius.iter().copied().fold(f64::INFINITY, f64::min);
         let greatest = grains.radius.iter().copied().fold(0.0, f64::max);
         let solid_fraction = grains.volume() / state.domain.cell.volume();
-        let wet = stages.iter().any(|s| s.model.fluid.is_some());
+        let pores = |model: &Model| matches!(model.fluid.as_ref().map(|f| &f.flow), Some(Flow::Pores(_)));
+        let wet = stages.iter().any(|s| pores(&s.model));
         let mut implied = Vec::new();
         for stage in &stages {
             let model = &stage.model;
@@ -100,8 +104,8 @@ impl Case {
             let until = &stage.until;
             let by_time = until.time.map(|t| (t / time_step).ceil() as u64);
             let steps = by_time.into_iter().chain(until.steps).min();
-            let per_step = SECONDS_PER_GRAIN_STEP[0]
-                + if model.fluid.is_some() { SECONDS_PER_GRAIN_STEP[1] } else { 0.0 };
+            let per_step =
+                SECONDS_PER_GRAIN_STEP[0] + if pores(model) { SECONDS_PER_GRAIN_STEP[1] } else { 0.0 };
             let young = model.contact.all.young();
             let stress = largest_stress(model);
             implied.push(ImpliedStage {
@@ -111,10 +115,16 @@ impl Case {
                 steps,
                 seconds: steps.map(|n| n as f64 * count as f64 * per_step),
                 stiffness_number: stress.map(|s| young / s),
+                cells: match model.fluid.as_ref().map(|fluid| &fluid.flow) {
+                    Some(Flow::Darcy(darcy)) => {
+                        let size = state.domain.cell.upper() - state.domain.cell.origin;
+                        Some(darcy::counts(darcy.cells, size, grains))
+                    }
+                    _ => None,
+                },
                 water: model.fluid.as_ref().map(|fluid| {
                     let (d, n) = (2.0 * mean, PACKED_POROSITY);
                     let height = self.domain.size[2];
-                    let Flow::Pores(pores) = &fluid.flow;
                     let shortens = 800.0 * fluid.viscosity / (d * (self.grains.density * young).sqrt());
                     let permeability = d * d * n.powi(3) / (180.0 * (1.0 - n).powi(2));
                     let seepage = permeability / fluid.viscosity * stress.unwrap_or(0.0) / height;
@@ -126,9 +136,12 @@ impl Case {
                         consolidation: 0.25 * height * height * fluid.viscosity
                             / (permeability * young / 4.0),
                         shortens,
-                        implicit: match pores.step {
-                            Stepping::Auto => shortens > fluid::PAYS,
-                            chosen => chosen == Stepping::Implicit,
+                        implicit: match &fluid.flow {
+                            Flow::Pores(pores) => match pores.step {
+                                Stepping::Auto => shortens > fluid::PAYS,
+                                chosen => chosen == Stepping::Implicit,
+                            },
+                            Flow::Darcy(_) => true,
                         },
                     }
                 }),

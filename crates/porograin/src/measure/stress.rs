@@ -2,7 +2,6 @@
 
 use super::contact_forces;
 use crate::boundary::Domain;
-use crate::grains::sphere_volume;
 use crate::model::Model;
 use crate::state::State;
 use glam::{DMat3, DVec3};
@@ -40,7 +39,7 @@ pub fn grain_stress(state: &State, model: &Model) -> Vec<DMat3> {
         }
     }
     for (stress, &radius) in stress.iter_mut().zip(&state.grains.radius) {
-        *stress *= sphere_volume(radius).recip();
+        *stress *= state.grains.shape.volume(radius).recip();
     }
     stress
 }

@@ -53,6 +53,8 @@ pub struct Frame {
     pub time: f64,
     /// Whether it has pores.
     pub pores: bool,
+    /// Whether it has the grid of coarse water.
+    pub grid: bool,
 }
 
 /// Why a folder cannot be used: one sentence.
@@ -220,19 +222,22 @@ impl Folder {
             fs::write(&path, bytes).map_err(|e| (path, e))
         };
         put(Kind::Grains, frame::grains(now))?;
-        let pores = frame::pores(now);
-        let frame = Frame { time: now.state.time, pores: pores.is_some() };
+        let (pores, grid) = (frame::pores(now), frame::grid(now));
+        let frame = Frame { time: now.state.time, pores: pores.is_some(), grid: grid.is_some() };
         if let Some(mesh) = pores {
             put(Kind::Pores, vtk::mesh(&mesh))?;
+        }
+        if let Some(mesh) = grid {
+            put(Kind::Grid, vtk::mesh(&mesh))?;
         }
         self.written.frames.push(frame);
         self.write_series().map_err(|e| (self.path.join("vtk"), e))
     }
 
     fn write_series(&self) -> io::Result<()> {
-        for kind in [Kind::Grains, Kind::Pores] {
+        for kind in KINDS {
             let files: Vec<(f64, String)> = (self.written.frames.iter().enumerate())
-                .filter(|(_, frame)| kind == Kind::Grains || frame.pores)
+                .filter(|(_, frame)| kind.is_in(frame))
                 .map(|(k, frame)| (frame.time, kind.file(k)))
                 .collect();
             let path = self.path.join("vtk").join(kind.series());
@@ -250,12 +255,12 @@ impl Folder {
 
     fn forget_later_frames(&self) -> io::Result<()> {
         let known: Vec<String> = (self.written.frames.iter().enumerate())
-            .flat_map(|(k, _)| [Kind::Grains.file(k), Kind::Pores.file(k)])
+            .flat_map(|(k, _)| KINDS.map(|kind| kind.file(k)))
             .collect();
         for entry in fs::read_dir(self.path.join("vtk"))? {
             let entry = entry?;
             let name = entry.file_name().to_string_lossy().into_owned();
-            let ours = Kind::Grains.owns(&name) || Kind::Pores.owns(&name);
+            let ours = KINDS.iter().any(|kind| kind.owns(&name));
             if ours && !known.contains(&name) {
                 fs::remove_file(entry.path())?;
             }
@@ -264,11 +269,15 @@ impl Folder {
     }
 }
 
-/// The two series of frames.
+/// All series of frames.
+const KINDS: [Kind; 3] = [Kind::Grains, Kind::Pores, Kind::Grid];
+
+/// A series of frames.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Grains,
     Pores,
+    Grid,
 }
 
 impl Kind {
@@ -276,6 +285,15 @@ impl Kind {
         match self {
             Kind::Grains => ("grains_", ".vtp"),
             Kind::Pores => ("pores_", ".vtu"),
+            Kind::Grid => ("grid_", ".vtu"),
+        }
+    }
+
+    fn is_in(self, frame: &Frame) -> bool {
+        match self {
+            Kind::Grains => true,
+            Kind::Pores => frame.pores,
+            Kind::Grid => frame.grid,
         }
     }
 
@@ -295,6 +313,7 @@ impl Kind {
         match self {
             Kind::Grains => "grains.pvd",
             Kind::Pores => "pores.pvd",
+            Kind::Grid => "grid.pvd",
         }
     }
 }

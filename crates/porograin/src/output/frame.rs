@@ -1,6 +1,7 @@
 //! One instant for ParaView.
 
 use super::vtk::{self, Field, PoreMesh, Shape, Values};
+use crate::darcy::{self, Grid};
 use crate::grains::Loads;
 use crate::measure;
 use crate::pores::Mesh;
@@ -23,8 +24,11 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     let force = vectors(&now.loads.force);
     let mut water = Loads::default();
     water.clear(grains.len());
-    if let Some((mesh, pressure)) = now.water() {
+    if let Some((mesh, pressure)) = now.pores() {
         mesh.add_loads(pressure, &mut water);
+    }
+    if let Some((grid, pressure)) = now.grid() {
+        darcy::pressure::add_force(grid, pressure, &mut water.force);
     }
     let fluid_force = vectors(&water.force);
     let stress = measure::grain_stress(now.state, now.model);
@@ -51,8 +55,40 @@ fn symmetric(s: DMat3) -> [f64; 6] {
 
 /// The pores with their pressure; `None` in a dry stage.
 pub fn pores(now: &Snapshot) -> Option<PoreMesh> {
-    let (mesh, pressure) = now.water()?;
+    let (mesh, pressure) = now.pores()?;
     Some(pore_mesh(mesh, &now.state.grains.position, &now.state.domain.cell, pressure))
+}
+
+/// The grid with pressure, porosity and permeability of its cells; `None` without coarse water.
+pub fn grid(now: &Snapshot) -> Option<PoreMesh> {
+    let (grid, pressure) = now.grid()?;
+    Some(grid_mesh(grid, pressure, now.state.grid()?.viscosity))
+}
+
+fn grid_mesh(grid: &Grid, pressure: &[f64], viscosity: f64) -> PoreMesh {
+    let mut drawn = PoreMesh::default();
+    let [x, y, z] = &grid.planes;
+    for &z in z {
+        for &y in y {
+            drawn.points.extend(x.iter().map(|&x| DVec3::new(x, y, z)));
+        }
+    }
+    let [nx, ny, _] = grid.count;
+    let cells = grid.census.cells;
+    for [x, y, z] in (0..cells).map(|cell| grid.place(cell)) {
+        let corner = |dx, dy, dz| (((z + dz) * (ny + 1) + y + dy) * (nx + 1) + x + dx) as u32;
+        drawn.shapes.push(Shape::Hexahedron);
+        for dz in 0..2 {
+            drawn.corners.extend([corner(0, 0, dz), corner(1, 0, dz), corner(1, 1, dz), corner(0, 1, dz)]);
+        }
+    }
+    let permeability: Vec<f64> = grid.mobility.iter().map(|m| m.z * viscosity).collect();
+    drawn.scalars = vec![
+        ("pressure [Pa]".into(), pressure[..cells].to_vec()),
+        ("porosity [-]".into(), grid.porosity.clone()),
+        ("permeability along z [m2]".into(), permeability),
+    ];
+    drawn
 }
 
 /// Pores as cells: tetrahedra, and at the walls wedges and boxes. `pressure` has one entry per node of the mesh [Pa].

@@ -1,6 +1,7 @@
 //! `summary.json`: what a run did and what it found.
 
 use crate::consolidation::{Comparison, Consolidation, Point};
+use crate::darcy::Census;
 use crate::pores::Stepping;
 use crate::timers::Timers;
 use serde::{Deserialize, Serialize};
@@ -63,6 +64,9 @@ pub struct Sample {
     pub throats: Option<usize>,
     /// Pores merged with a neighbour because their radical centres coincide.
     pub merged: Option<usize>,
+    /// Cells of the grid of coarse water, when it was last made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grid: Option<Census>,
     /// Along z [m²].
     pub permeability: Option<f64>,
     /// [Pa]
