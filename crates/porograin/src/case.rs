@@ -7,12 +7,14 @@ mod build;
 mod check;
 mod error;
 mod implied;
+mod material;
 mod source;
 mod stage;
 
 pub use build::{Plan, Stage};
 pub use error::{CaseError, Place, nearest};
 pub use implied::{Implied, ImpliedStage, ImpliedWater};
+pub use material::{Material, Pair};
 pub use stage::{StageTable, Until, Water as StageWater};
 
 use crate::boundary::{FACE_NAMES, Face, Slip, Solid, Water};
@@ -21,6 +23,7 @@ use crate::model::{FluidModel, TimeStep};
 use crate::watch::Watch;
 use serde::{Deserialize, Serialize};
 use source::Source;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A case as written: a domain and its faces, grains, a contact law, water, and the stages to go through.
@@ -33,8 +36,14 @@ pub struct Case {
     pub domain: DomainTable,
     /// How the grains are made.
     pub grains: GrainsTable,
-    /// The law of every contact.
+    /// The law of every contact that has no law of its own.
     pub contact: Law,
+    /// What the grains are made of, by name.
+    #[serde(default)]
+    pub material: BTreeMap<String, Material>,
+    /// Laws between two materials.
+    #[serde(default)]
+    pub pair: Vec<Pair>,
     /// Rules of the six faces; stages may override them.
     #[serde(default)]
     pub face: FaceTable,

@@ -92,7 +92,8 @@ fn wrong_keys_and_types_are_shown_with_a_caret() {
     assert_eq!(
         shown,
         "unknown key `yuong` in `contact.linear`\n --> case.toml:9:1\n  |\n9 | yuong = 15e6\n  | ^^^^^ did you mean \
-         young? allowed here: young, stiffness-ratio, friction, restitution"
+         young? allowed here: young, stiffness-ratio, friction, restitution, \
+         adhesion, rolling, capillary"
     );
     let shown = refused(&GOOD.replace("15e6", "\"stiff\""), &[]);
     assert!(
@@ -135,7 +136,8 @@ fn a_wrong_override_is_blamed_and_lines_are_those_of_the_file() {
     assert_eq!(
         shown,
         "unknown key `frction` in `contact.linear`\n --> --set\n  |\n  | --set contact.linear.frction=20\n  |       \
-         ^^^^^^^^^^^^^^^^^^^^^^^^^ did you mean friction? allowed here: young, stiffness-ratio, friction, restitution"
+         ^^^^^^^^^^^^^^^^^^^^^^^^^ did you mean friction? allowed here: young, stiffness-ratio, friction, restitution, \
+         adhesion, rolling, capillary"
     );
     let shown = refused(GOOD, &["contact.linear.friction=much"]);
     assert!(shown.starts_with("expected a number, found the text \"much\""), "{shown}");
@@ -166,4 +168,40 @@ fn tables_that_contradict_each_other_are_refused() {
     assert!(shown.starts_with("the stage `load` never ends"), "{shown}");
     let shown = refused(&GOOD.replace("\"load\"", "\"confine\""), &[]);
     assert!(shown.starts_with("stages 1 and 2 are both called `confine`"), "{shown}");
+}
+
+#[test]
+fn grains_of_several_materials_obey_their_own_laws() {
+    let more = r#"
+[material.glass]
+part = 0.75
+[material.steel]
+part = 0.25
+density = 7800.0
+[[pair]]
+between = ["steel", "glass"]
+contact.hertz-mindlin = { young = 7e9, poisson = 0.2, friction = 12.0 }
+[[pair]]
+between = ["wall", "steel"]
+contact.linear = { young = 1e6, stiffness-ratio = 0.5, friction = 7.0 }
+"#;
+    let plan = read(&format!("{GOOD}{more}"), &[]).unwrap().plan().unwrap();
+    let grains = &plan.state.grains;
+    let steel: Vec<usize> = (0..grains.len()).filter(|&k| grains.material[k] == 1).collect();
+    assert_eq!(steel.len(), (0.25 * grains.len() as f64).round() as usize);
+    let density = |k: usize| grains.mass[k] / porograin::grains::sphere_volume(grains.radius[k]);
+    assert!(steel.iter().all(|&k| (density(k) - 7800.0).abs() < 1e-9));
+    let glass = (0..grains.len()).find(|&k| grains.material[k] == 0).unwrap();
+    assert!((density(glass) - 2600.0).abs() < 1e-9);
+
+    let laws = &plan.stages[1].model.contact;
+    let friction = |pair: [u32; 2]| laws.own(grains, pair).map(|law| law.friction());
+    let (steel, glass, wall) = (steel[0] as u32, glass as u32, porograin_geometry::triangulation::FIRST_WALL);
+    assert_eq!(friction([glass, steel]), Some(12.0));
+    assert_eq!(friction([steel, glass]), Some(12.0));
+    assert_eq!(friction([steel, wall]), Some(7.0));
+    assert_eq!((friction([glass, wall]), friction([glass, glass])), (None, None));
+    // The friction of a stage holds for all of them.
+    let confine = &plan.stages[0].model.contact;
+    assert!(confine.iter().all(|law| law.friction() == 3.0));
 }

@@ -40,7 +40,10 @@ impl Case {
     /// The model of stage `k`, which begins at time `start`: the case with the overrides of the stage.
     pub fn model(&self, k: usize, start: f64) -> Model {
         let stage = &self.stage[k];
-        let mut contact = Laws::from(stage.contact.clone().unwrap_or_else(|| self.contact.clone()));
+        let mut contact = Laws {
+            all: stage.contact.clone().unwrap_or_else(|| self.contact.clone()),
+            pairs: self.pair_laws(),
+        };
         if let Some(angle) = stage.friction {
             contact.set_friction(angle);
         }
@@ -81,7 +84,9 @@ impl Case {
     /// A grain file that cannot be read, grains outside the box, too big for it or deep inside each other.
     pub fn plan(&self) -> Result<Plan, CaseError> {
         let (lower, upper) = self.corners();
-        let grains = packing::ordered(&Cell::walled(lower, upper), self.make_grains()?);
+        let mut grains = self.make_grains()?;
+        self.assign_materials(&mut grains);
+        let grains = packing::ordered(&Cell::walled(lower, upper), grains);
         let state = State {
             time: 0.0,
             step: 0,

@@ -9,7 +9,7 @@ use crate::watch::Every;
 
 /// A range a number has to be in.
 #[derive(Clone, Copy)]
-enum Range {
+pub(super) enum Range {
     Positive,
     NotNegative,
     Part,
@@ -31,6 +31,7 @@ impl Case {
         }
         self.check_packing()?;
         self.law("contact", &self.contact)?;
+        self.check_materials()?;
         self.optional("damping", self.damping, Range::Part)?;
         self.time_step("time-step", &self.time_step)?;
         self.faces("face", &self.face)?;
@@ -313,23 +314,40 @@ impl Case {
         }
     }
 
-    fn law(&self, path: &str, law: &Law) -> Result<(), CaseError> {
-        let (path, restitution) = match law {
+    pub(super) fn law(&self, path: &str, law: &Law) -> Result<(), CaseError> {
+        let (path, restitution, rolling, capillary) = match law {
             Law::Linear(linear) => {
                 let path = format!("{path}.linear");
                 self.number(&format!("{path}.stiffness-ratio"), linear.stiffness_ratio, Range::NotNegative)?;
-                (path, linear.restitution)
+                if let Some(adhesion) = linear.adhesion {
+                    let at = |key: &str| format!("{path}.adhesion.{key}");
+                    self.number(&at("tension"), adhesion.tension, Range::NotNegative)?;
+                    self.number(&at("cohesion"), adhesion.cohesion, Range::NotNegative)?;
+                }
+                (path, linear.restitution, linear.rolling, linear.capillary)
             }
             Law::HertzMindlin(hertz) => {
                 let path = format!("{path}.hertz-mindlin");
                 self.number(&format!("{path}.poisson"), hertz.poisson, Range::Poisson)?;
-                (path, hertz.restitution)
+                (path, hertz.restitution, hertz.rolling, hertz.capillary)
             }
         };
-        self.number(&format!("{path}.young"), law.young(), Range::Positive)?;
-        self.number(&format!("{path}.friction"), law.friction(), Range::Angle)?;
-        let coefficient = restitution.map(Restitution::coefficient);
-        self.optional(&format!("{path}.restitution"), coefficient, Range::Share)
+        let at = |key: &str| format!("{path}.{key}");
+        self.number(&at("young"), law.young(), Range::Positive)?;
+        self.number(&at("friction"), law.friction(), Range::Angle)?;
+        self.optional(&at("restitution"), restitution.map(Restitution::coefficient), Range::Share)?;
+        if let Some(rolling) = rolling {
+            self.number(&at("rolling.friction"), rolling.friction, Range::NotNegative)?;
+            self.number(&at("rolling.stiffness"), rolling.stiffness, Range::NotNegative)?;
+            self.number(&at("rolling.twist-friction"), rolling.twist_friction, Range::NotNegative)?;
+            self.number(&at("rolling.twist-stiffness"), rolling.twist_stiffness, Range::NotNegative)?;
+        }
+        if let Some(capillary) = capillary {
+            self.number(&at("capillary.volume"), capillary.volume, Range::Positive)?;
+            self.number(&at("capillary.surface-tension"), capillary.surface_tension, Range::NotNegative)?;
+            self.number(&at("capillary.contact-angle"), capillary.contact_angle, Range::Angle)?;
+        }
+        Ok(())
     }
 
     fn flow(&self, path: &str, flow: &Flow) -> Result<(), CaseError> {
@@ -404,11 +422,11 @@ impl Case {
         }
     }
 
-    fn optional(&self, path: &str, value: Option<f64>, range: Range) -> Result<(), CaseError> {
+    pub(super) fn optional(&self, path: &str, value: Option<f64>, range: Range) -> Result<(), CaseError> {
         value.map_or(Ok(()), |value| self.number(path, value, range))
     }
 
-    fn number(&self, path: &str, value: f64, range: Range) -> Result<(), CaseError> {
+    pub(super) fn number(&self, path: &str, value: f64, range: Range) -> Result<(), CaseError> {
         let (fits, words) = match range {
             Range::Positive => (value > 0.0, "greater than 0"),
             Range::NotNegative => (value >= 0.0, "0 or greater"),
@@ -424,7 +442,7 @@ impl Case {
         self.refuse(path, format!("`{key}` must be {words}, not {value}"))
     }
 
-    fn refuse(&self, path: &str, sentence: impl Into<String>) -> Result<(), CaseError> {
+    pub(super) fn refuse(&self, path: &str, sentence: impl Into<String>) -> Result<(), CaseError> {
         Err(self.source.fault(path, sentence))
     }
 }

@@ -1,6 +1,6 @@
 //! From springs to a contact law: sliding under Coulomb's rule, and what a law may have besides.
 
-use super::{ContactLaw, Memory, PairLoad, Stiffness, Touch};
+use super::{Adhesion, Bond, Capillary, ContactLaw, Memory, PairLoad, Rolling, Stiffness, Touch};
 use glam::DVec3;
 
 /// The elastic part of a law: a spring along the normal and its tangents.
@@ -29,6 +29,12 @@ pub trait Spring: Send + Sync {
 pub struct Extras {
     /// Ratio of the viscous damping to the critical one [-].
     pub restitution: Option<f64>,
+    /// Bonds with a strength.
+    pub adhesion: Option<Adhesion>,
+    /// Resistance to rolling and twisting.
+    pub rolling: Option<Rolling>,
+    /// Liquid bridges.
+    pub capillary: Option<Capillary>,
 }
 
 impl Extras {
@@ -69,14 +75,18 @@ pub(super) struct Full<'a, S>(pub &'a S);
 
 impl<S: Spring> Full<'_, S> {
     /// The gap up to which the law acts between grains no larger than `radius` [m].
-    pub fn reach(&self, _radius: f64) -> f64 {
-        0.0
+    pub fn reach(&self, radius: f64) -> f64 {
+        let extras = self.0.extras();
+        let touch = Touch::prospective([radius; 2], 0.0, 1.0);
+        // The bond of the smaller of two grains stretches less than that of two large ones.
+        let stretch = |a: Adhesion| a.strength(&touch)[0] / self.0.stiffness(&touch).normal;
+        extras.adhesion.map_or(0.0, stretch).max(extras.capillary.map_or(0.0, |c| c.rupture(&touch)))
     }
 }
 
 impl<S: Spring> ContactLaw for Full<'_, S> {
-    /// Dampers `c = 2 zeta sqrt(k m)` beside both springs, `m` the reduced mass; together they neither pull nor leave
-    /// the friction cone.
+    /// Dampers `c = 2 zeta sqrt(k m)` beside both springs, `m` the reduced mass; without a bond they neither pull nor leave
+    /// the friction cone. Bonds hold or break, then moments give way, then the bridge pulls.
     #[inline]
     fn load(&self, touch: &Touch, memory: &mut Memory, dt: f64) -> PairLoad {
         let extras = self.0.extras();
@@ -84,27 +94,83 @@ impl<S: Spring> ContactLaw for Full<'_, S> {
             return Plain(self.0).load(touch, memory, dt);
         }
         let stiffness = self.stiffness(touch);
-        let leaving = touch.velocity.dot(touch.normal);
-        let sliding = touch.sliding();
-        let pressing = (self.0.force(touch) - stiffness.normal_damper * leaving).max(0.0);
-        let cap = touch.friction * pressing;
-        memory.shear = cut(self.0.unloaded(touch, dt) * memory.shear + stiffness.shear * dt * sliding, cap);
+        let (sliding, leaving) = (touch.sliding(), touch.velocity.dot(touch.normal));
+        let more = &mut memory.more;
+        let normal = self.0.force(touch) - stiffness.normal_damper * leaving;
+        let trial = self.0.unloaded(touch, dt) * memory.shear + stiffness.shear * dt * sliding;
+        let mut pressing = if touch.overlap > 0.0 { normal.max(0.0) } else { 0.0 };
+        let mut cap = touch.friction * pressing;
+        if let Some(adhesion) = extras.adhesion {
+            if adhesion.renew && more.bond == Bond::None {
+                more.bond = Bond::Whole;
+            }
+            if more.bond == Bond::Whole {
+                let [tension, cohesion] = adhesion.strength(touch);
+                let held = touch.friction * normal.max(0.0) + cohesion;
+                if -normal > tension || trial.length_squared() > held * held {
+                    more.bond = Bond::Broken;
+                } else {
+                    (pressing, cap) = (normal, held);
+                }
+            }
+        }
+        memory.shear = cut(trial, cap);
         let shear = cut(memory.shear + stiffness.shear_damper * sliding, cap);
-        PairLoad { force: shear - pressing * touch.normal, moment: DVec3::ZERO }
+        let mut load = PairLoad { force: shear - pressing * touch.normal, moment: DVec3::ZERO };
+        if let Some(rolling) = extras.rolling {
+            let [roll, twist] = rolling.caps(touch, pressing.max(0.0));
+            let twisting = touch.spin.dot(touch.normal);
+            let rolls = touch.spin - twisting * touch.normal;
+            more.roll = cut(more.roll + stiffness.roll * dt * rolls, roll);
+            more.twist = (more.twist + stiffness.twist * dt * twisting).clamp(-twist, twist);
+            load.moment = more.roll + more.twist * touch.normal;
+        }
+        if let Some(capillary) = extras.capillary {
+            more.bridge = touch.overlap > 0.0 || more.bridge && -touch.overlap < capillary.rupture(touch);
+            if more.bridge {
+                load.force += capillary.pull(touch) * touch.normal;
+            }
+        }
+        load
     }
 
     #[inline]
     fn stiffness(&self, touch: &Touch) -> Stiffness {
         let mut stiffness = self.0.stiffness(touch);
-        if let Some(ratio) = self.0.extras().restitution {
+        let extras = self.0.extras();
+        if let Some(ratio) = extras.restitution {
             stiffness.normal_damper = 2.0 * ratio * (stiffness.normal * touch.mass).sqrt();
             stiffness.shear_damper = 2.0 * ratio * (stiffness.shear * touch.mass).sqrt();
+        }
+        if let Some(rolling) = extras.rolling {
+            [stiffness.roll, stiffness.twist] = rolling.stiffnesses(touch, &stiffness);
         }
         stiffness
     }
 
     fn energy(&self, touch: &Touch, memory: &Memory) -> f64 {
-        Plain(self.0).energy(touch, memory)
+        let (extras, stiffness, more) = (self.0.extras(), self.stiffness(touch), &memory.more);
+        let bonded = extras.adhesion.is_some() && more.bond == Bond::Whole;
+        let mut energy = 0.0;
+        if touch.overlap > 0.0 || bonded {
+            energy += Plain(self.0).energy(touch, memory);
+            energy += stored(more.roll.length_squared(), stiffness.roll);
+            energy += stored(more.twist * more.twist, stiffness.twist);
+        }
+        if let Some(capillary) = extras.capillary
+            && more.bridge
+        {
+            energy += capillary.energy(touch);
+        }
+        energy
+    }
+
+    #[inline]
+    fn holds(&self, touch: &Touch, memory: &Memory) -> bool {
+        let (extras, more) = (self.0.extras(), &memory.more);
+        touch.overlap > 0.0
+            || extras.adhesion.is_some() && more.bond == Bond::Whole
+            || extras.capillary.is_some() && more.bridge
     }
 }
 

@@ -1,6 +1,6 @@
 //! Elastic spheres: Hertz along the normal, Mindlin across it (Catalano 2.10-2.11).
 
-use super::{Extras, Restitution, Spring, Stiffness, Touch};
+use super::{Capillary, Extras, Restitution, Rolling, Spring, Stiffness, Touch};
 use serde::{Deserialize, Serialize};
 
 /// `F_n = 4/3 E* sqrt(R*) d^(3/2)`, `k_n = 2 E* sqrt(R* d)`, `k_t = 8 G* sqrt(R* d)`, Coulomb friction.
@@ -20,12 +20,18 @@ pub struct HertzMindlin {
     /// Viscous damping, given as the coefficient of restitution.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub restitution: Option<Restitution>,
+    /// Resistance to rolling and twisting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rolling: Option<Rolling>,
+    /// Liquid bridges.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capillary: Option<Capillary>,
 }
 
 impl HertzMindlin {
     /// Springs and friction only: modulus [Pa], Poisson's ratio, angle [degrees].
     pub const fn new(young: f64, poisson: f64, friction: f64) -> Self {
-        HertzMindlin { young, poisson, friction, restitution: None }
+        HertzMindlin { young, poisson, friction, restitution: None, rolling: None, capillary: None }
     }
 
     /// `2 E*` and `8 G*` [Pa].
@@ -67,6 +73,11 @@ impl Spring for HertzMindlin {
     }
 
     fn extras(&self) -> Extras {
-        Extras { restitution: self.restitution.map(|r| r.hertz()) }
+        Extras {
+            restitution: self.restitution.map(|r| r.hertz()),
+            adhesion: None,
+            rolling: self.rolling,
+            capillary: self.capillary,
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! What a contact law is, and the choice of laws.
 
-use super::friction::{Full, Spring};
+use super::friction::{Extras, Full, Spring};
 use super::{HertzMindlin, Linear, Memory, Stiffness, Touch};
 use crate::grains::Grains;
 use glam::DVec3;
@@ -73,9 +73,9 @@ impl Law {
         with_law!(self, law => law.young)
     }
 
-    /// Whether springs and friction are all there is to it.
-    pub fn is_plain(&self) -> bool {
-        with_law!(self, law => law.extras().is_empty())
+    /// What it has besides springs and friction.
+    pub fn extras(&self) -> Extras {
+        with_law!(self, law => law.extras())
     }
 }
 
@@ -128,21 +128,16 @@ impl From<Law> for Laws {
 }
 
 impl Laws {
-    /// The law between two materials.
+    /// The law that a pair of grains, or a grain and a wall, has of its own.
     #[inline]
-    pub fn between(&self, [a, b]: [u16; 2]) -> &Law {
-        let own = self.pairs.iter().find(|pair| pair.between == [a, b] || pair.between == [b, a]);
-        own.map_or(&self.all, |pair| &pair.law)
-    }
-
-    /// The law of a pair of grains, or of a grain and a wall.
-    #[inline]
-    pub fn of(&self, grains: &Grains, [first, second]: [u32; 2]) -> &Law {
+    pub fn own(&self, grains: &Grains, [first, second]: [u32; 2]) -> Option<&Law> {
         if self.pairs.is_empty() {
-            return &self.all;
+            return None;
         }
-        let other = if wall(second).is_some() { WALL } else { grains.material[second as usize] };
-        self.between([grains.material[first as usize], other])
+        let a = grains.material[first as usize];
+        let b = if wall(second).is_some() { WALL } else { grains.material[second as usize] };
+        let own = self.pairs.iter().find(|pair| pair.between == [a, b] || pair.between == [b, a]);
+        own.map(|pair| &pair.law)
     }
 
     /// Another friction angle between grains of any material [degrees].
@@ -153,7 +148,17 @@ impl Laws {
 
     /// Whether one law of springs and friction is all there is.
     pub fn is_plain(&self) -> bool {
-        self.pairs.is_empty() && self.all.is_plain()
+        self.pairs.is_empty() && self.all.extras().is_empty()
+    }
+
+    /// Whether some law bonds grains.
+    pub fn is_adhesive(&self) -> bool {
+        self.iter().any(|law| law.extras().adhesion.is_some())
+    }
+
+    /// All laws.
+    pub fn iter(&self) -> impl Iterator<Item = &Law> {
+        std::iter::once(&self.all).chain(self.pairs.iter().map(|pair| &pair.law))
     }
 
     /// The gap up to which some law acts between these grains [m].
@@ -162,7 +167,6 @@ impl Laws {
             return 0.0;
         }
         let largest = grains.radius.iter().fold(0.0, |a: f64, &r| a.max(r));
-        let laws = std::iter::once(&self.all).chain(self.pairs.iter().map(|pair| &pair.law));
-        laws.map(|law| with_law!(law, law => Full(law).reach(largest))).fold(0.0, f64::max)
+        self.iter().map(|law| with_law!(law, law => Full(law).reach(largest))).fold(0.0, f64::max)
     }
 }

@@ -1,6 +1,6 @@
 //! The linear elastic law of Cundall & Strack (Catalano 4.1-4.2).
 
-use super::{Extras, Restitution, Spring, Stiffness, Touch};
+use super::{Adhesion, Capillary, Extras, Restitution, Rolling, Spring, Stiffness, Touch};
 use serde::{Deserialize, Serialize};
 
 /// `k_n = 2 E R_i R_j/(R_i + R_j)`, `k_t = a k_n`, Coulomb friction; a wall takes the radius of the grain.
@@ -16,12 +16,29 @@ pub struct Linear {
     /// Viscous damping, given as the coefficient of restitution.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub restitution: Option<Restitution>,
+    /// Bonds with a strength.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adhesion: Option<Adhesion>,
+    /// Resistance to rolling and twisting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rolling: Option<Rolling>,
+    /// Liquid bridges.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capillary: Option<Capillary>,
 }
 
 impl Linear {
     /// Springs and friction only: modulus [Pa], `k_t / k_n`, angle [degrees].
     pub const fn new(young: f64, stiffness_ratio: f64, friction: f64) -> Self {
-        Linear { young, stiffness_ratio, friction, restitution: None }
+        Linear {
+            young,
+            stiffness_ratio,
+            friction,
+            restitution: None,
+            adhesion: None,
+            rolling: None,
+            capillary: None,
+        }
     }
 }
 
@@ -43,6 +60,11 @@ impl Spring for Linear {
     }
 
     fn extras(&self) -> Extras {
-        Extras { restitution: self.restitution.map(|r| r.linear()) }
+        Extras {
+            restitution: self.restitution.map(|r| r.linear()),
+            adhesion: self.adhesion,
+            rolling: self.rolling,
+            capillary: self.capillary,
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The touching pairs and what each remembers from step to step.
 
-use super::turn;
+use super::{Bond, Laws, turn};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +15,8 @@ pub struct Contacts {
     pub shear: Vec<DVec3>,
     /// What some laws remember besides; `None` under a law that needs no more than the shear force.
     pub more: Option<Vec<More>>,
+    /// Whether there was adhesion in the last step.
+    pub adhesive: bool,
 }
 
 /// What a contact remembers besides its shear force.
@@ -24,6 +26,10 @@ pub struct More {
     pub roll: DVec3,
     /// Twisting moment on the first of the pair, about the normal [N m].
     pub twist: f64,
+    /// The bond, under a law with adhesion.
+    pub bond: Bond,
+    /// Whether there is a liquid bridge.
+    pub bridge: bool,
 }
 
 /// All that one contact remembers.
@@ -67,10 +73,15 @@ impl Contacts {
         Memory { shear: self.shear[k], more: self.more.as_ref().map_or(More::default(), |more| more[k]) }
     }
 
-    /// Starts or ends remembering more than the shear force.
-    pub(super) fn remember_more(&mut self, more: bool) {
-        if more != self.more.is_some() {
-            self.more = more.then(|| vec![More::default(); self.pairs.len()]);
+    /// Starts or ends remembering more than the shear force; where adhesion begins it bonds what touches.
+    pub(super) fn remember(&mut self, laws: &Laws) {
+        if laws.is_plain() == self.more.is_some() {
+            self.more = (!laws.is_plain()).then(|| vec![More::default(); self.pairs.len()]);
+        }
+        if laws.is_adhesive() != self.adhesive {
+            self.adhesive = !self.adhesive;
+            let bond = if self.adhesive { Bond::Whole } else { Bond::None };
+            self.more.iter_mut().flatten().for_each(|more| more.bond = bond);
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Contacts: who touches whom, the memory of each contact, and the laws.
 
+mod adhesion;
+mod capillary;
 mod damping;
 mod follow;
 mod friction;
@@ -8,9 +10,12 @@ mod law;
 mod linear;
 mod memory;
 mod pass;
+mod rolling;
 #[cfg(test)]
 mod tests;
 mod touch;
+pub use adhesion::{Adhesion, Bond};
+pub use capillary::Capillary;
 pub use damping::Restitution;
 pub use follow::follow;
 pub use friction::{Extras, Plain, Spring};
@@ -19,4 +24,5 @@ pub use law::{ContactLaw, Law, Laws, PairLaw, PairLoad, WALL};
 pub use linear::Linear;
 pub use memory::{Contacts, Memory, More};
 pub use pass::{Scratch, add};
+pub use rolling::Rolling;
 pub use touch::{Near, Stiffness, Surroundings, Touch, turn};

@@ -51,7 +51,7 @@ pub fn add(
     scratch: &mut Scratch,
 ) {
     let laws = surroundings.laws;
-    contacts.remember_more(!laws.is_plain());
+    contacts.remember(laws);
     let blocks = loads.force.len().div_ceil(BLOCK).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
     let share = Share {

@@ -19,20 +19,39 @@ fn laws() -> Vec<Law> {
     choices
 }
 
-/// The same with all they can have besides springs and friction.
+/// The same with all they can have besides that does not pull.
 fn rich_laws() -> Vec<Law> {
     let mut laws = laws();
     for law in &mut laws {
         match law {
-            Law::Linear(law) => law.restitution = Some(0.5.into()),
-            Law::HertzMindlin(law) => law.restitution = Some(0.5.into()),
+            Law::Linear(law) => (law.restitution, law.rolling) = (Some(0.5.into()), Some(ROLLING)),
+            Law::HertzMindlin(law) => (law.restitution, law.rolling) = (Some(0.5.into()), Some(ROLLING)),
         }
     }
     laws
 }
 
+/// The same with all that pulls.
+fn sticky_laws() -> Vec<Law> {
+    let mut laws = laws();
+    for law in &mut laws {
+        match law {
+            Law::Linear(law) => {
+                law.adhesion = Some(ADHESION);
+                (law.rolling, law.capillary) = (Some(ROLLING), Some(BRIDGE));
+            }
+            Law::HertzMindlin(law) => (law.rolling, law.capillary) = (Some(ROLLING), Some(BRIDGE)),
+        }
+    }
+    laws
+}
+
+const ROLLING: Rolling = Rolling { friction: 0.3, stiffness: 0.8, twist_friction: 0.2, twist_stiffness: 0.6 };
+const ADHESION: Adhesion = Adhesion { tension: 2e4, cohesion: 1e4, renew: false };
+const BRIDGE: Capillary = Capillary { volume: 1e-6, surface_tension: 100.0, contact_angle: 20.0 };
+
 fn all_laws() -> Vec<Law> {
-    [laws(), rich_laws()].concat()
+    [laws(), rich_laws(), sticky_laws()].concat()
 }
 
 struct Numbers(u64);
@@ -76,7 +95,7 @@ fn moved(law: &Law, wall: bool, shear: DVec3, change: &[(DVec3, DVec3)]) -> (Loa
         grains.velocity[k] = *shift;
         grains.spin[k] = *turn;
     }
-    let mut contacts = Contacts { pairs: vec![pair], shear: vec![shear], more: None };
+    let mut contacts = Contacts { pairs: vec![pair], shear: vec![shear], ..Contacts::default() };
     let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
     let around = Surroundings::new(&grains, &domain, &faces, &laws);
     let mut loads = Loads::default();
@@ -88,7 +107,7 @@ fn moved(law: &Law, wall: bool, shear: DVec3, change: &[(DVec3, DVec3)]) -> (Loa
 
 #[test]
 fn loads_are_minus_the_gradient_of_the_energy() {
-    for law in laws() {
+    for law in [laws(), sticky_laws()].concat() {
         for wall in [false, true] {
             let (grains, pair) = pair(wall);
             let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
@@ -149,7 +168,8 @@ fn turned_with_the_frame_the_load_turns_along() {
                 mass: 2.0,
             };
             let across = |v: DVec3| v.cross(normal);
-            let more = More { roll: across(next.vector()), twist: next.next() };
+            let more =
+                More { roll: across(next.vector()), twist: next.next(), bond: Bond::Whole, bridge: true };
             let start = Memory { shear: across(next.vector()), more };
             let mut there = start;
             there.shear = turn * start.shear;
@@ -170,7 +190,7 @@ fn turned_with_the_frame_the_load_turns_along() {
 #[test]
 fn the_shear_force_stays_in_the_friction_cone_and_nothing_pulls() {
     let mut next = Numbers(4);
-    for law in all_laws() {
+    for law in [laws(), rich_laws()].concat() {
         let (mut memory, mut slid) = (Memory::default(), 0);
         let mut touch = Touch::prospective([0.1, 0.15], 1e-3, 2.0);
         touch.friction = 0.4;
@@ -193,7 +213,7 @@ fn the_shear_force_stays_in_the_friction_cone_and_nothing_pulls() {
 #[test]
 fn closed_loops_never_give_energy() {
     let mut next = Numbers(5);
-    for law in laws() {
+    for law in [laws(), sticky_laws()].concat() {
         let mut rubbed = 0;
         for _ in 0..40 {
             let (a, b, phase) = (next.vector(), next.vector(), 6.0 * next.next());
@@ -209,7 +229,7 @@ fn closed_loops_never_give_energy() {
                 friction: 0.4,
                 ..Touch::prospective([0.1, 0.1], 0.0, 1.0)
             };
-            let (mut memory, steps, mut lost) = (Memory::default(), 4000, 0.0);
+            let (mut memory, steps, mut lost) = (Memory::default(), 10_000, 0.0);
             let mut force = law.load(&touch_at(start, DVec3::ZERO), &mut memory, 0.0).force;
             let begin = law.energy(&touch_at(start, DVec3::ZERO), &memory);
             let (mut work, mut size, mut worst) = (0.0, 0.0_f64, 0.0_f64);
@@ -226,7 +246,7 @@ fn closed_loops_never_give_energy() {
                 lost = balance;
                 size = size.max(work.abs());
             }
-            // A loop that never slides gives back everything but the error of 4000 finite steps.
+            // A loop that never slides gives back everything but the error of finite steps.
             assert!(lost > -1e-6 * size && worst > -1e-6 * size, "{lost} {worst} {size}");
             rubbed += (lost > 1e-3 * size) as u32;
         }
@@ -247,7 +267,7 @@ fn the_memory_turns_with_a_rigidly_turning_pair() {
         let centre = grains.position[0];
         let arm = grains.position[1] - centre;
         let start = 100.0 * arm.normalize().any_orthonormal_vector();
-        let mut contacts = Contacts { pairs: vec![pair], shear: vec![start], more: None };
+        let mut contacts = Contacts { pairs: vec![pair], shear: vec![start], ..Contacts::default() };
         let mut loads = Loads::default();
         for k in 1..=steps {
             let at = |k: usize| centre + DQuat::from_scaled_axis(axis * k as f64 / steps as f64) * arm;
@@ -431,4 +451,101 @@ fn the_tangents_are_those_of_catalano() {
     let shear = 2.0 * (3.0 * shear_modulus.powi(2) * (1.0 - nu) * radius * pressing).cbrt() / (2.0 - nu);
     assert!((stiffness.normal / normal - 1.0).abs() < 1e-12);
     assert!((stiffness.shear / shear - 1.0).abs() < 1e-12);
+}
+
+/// The force along a straight opening of a pair from `overlap` [m] until it no longer holds: gaps and tensions.
+fn opening(law: &Law, overlap: f64, steps: usize, memory: &mut Memory) -> Vec<[f64; 2]> {
+    let mut path = Vec::new();
+    for k in 0.. {
+        let touch = Touch::prospective([0.1, 0.1], overlap * (1.0 - k as f64 / steps as f64), 1.0);
+        let force = law.load(&touch, memory, 0.0).force.x;
+        if !law.holds(&touch, memory) {
+            assert_eq!(force, 0.0);
+            return path;
+        }
+        path.push([-touch.overlap, force]);
+    }
+    unreachable!()
+}
+
+#[test]
+fn bonds_pull_up_to_their_strength_and_break_for_good() {
+    let adhesion = Adhesion { tension: 3e4, cohesion: 2e4, renew: true };
+    let law = Linear { adhesion: Some(adhesion), ..Linear::new(1e6, 0.5, 30.0) };
+    let law = Law::Linear(law);
+    let section = std::f64::consts::PI * 0.01;
+    let mut memory = Memory::default();
+    let path = opening(&law, 1e-3, 1000, &mut memory);
+    let [gap, tension] = path[path.len() - 1];
+    assert!((tension / (3e4 * section) - 1.0).abs() < 1e-3, "{tension}");
+    assert!((gap / (tension / 1e5) - 1.0).abs() < 1e-9, "{gap}");
+    assert_eq!(memory.more.bond, Bond::Broken);
+    // Pressed again it is a contact like any other, and parts where the grains do.
+    assert!(opening(&law, 1e-3, 1000, &mut memory).iter().all(|&[gap, force]| gap < 0.0 && force < 0.0));
+
+    // Sheared under pressure it holds `F_n tan(phi) + cohesion`, afterwards `F_n tan(phi)`.
+    let (mut memory, mut most) = (Memory::default(), 0.0_f64);
+    let mut touch = Touch { friction: 0.4, velocity: DVec3::Y, ..Touch::prospective([0.1, 0.1], 1e-3, 1.0) };
+    for _ in 0..20_000 {
+        most = most.max(law.load(&touch, &mut memory, 1e-6).force.y);
+    }
+    assert!((most / (0.4 * 100.0 + 2e4 * section) - 1.0).abs() < 1e-3, "{most}");
+    touch.velocity = DVec3::ZERO;
+    assert!((law.load(&touch, &mut memory, 0.0).force.y / 40.0 - 1.0).abs() < 1e-12);
+
+    // Grains that meet later are bonded only where the law renews.
+    let adhesion = Some(Adhesion { renew: false, ..adhesion });
+    let law = Law::Linear(Linear { adhesion, ..Linear::new(1e6, 0.5, 30.0) });
+    assert!(opening(&law, 1e-3, 1000, &mut Memory::default()).iter().all(|&[gap, _]| gap < 0.0));
+}
+
+#[test]
+fn bridges_form_on_touch_and_break_at_the_length_of_willett() {
+    let bridge = Capillary { volume: 8e-9, surface_tension: 0.07, contact_angle: 30.0 };
+    let law = Law::Linear(Linear { capillary: Some(bridge), ..Linear::new(1e6, 0.5, 30.0) });
+    // Coming nearer there is no bridge.
+    let mut memory = Memory::default();
+    let touch = |overlap: f64| Touch::prospective([0.1, 0.1], overlap, 1.0);
+    assert!(
+        law.load(&touch(-1e-4), &mut memory, 0.0) == PairLoad::default()
+            && !law.holds(&touch(-1e-4), &memory)
+    );
+
+    let path =
+        opening(&law, 1e-9, 1, &mut Memory { more: More { bridge: true, ..More::default() }, ..memory });
+    let most = std::f64::consts::TAU * 0.1 * 0.07 * 30.0_f64.to_radians().cos();
+    assert!((path[0][1] / most - 1.0).abs() < 0.02 && path.len() > 1000);
+    let [gap, _] = path[path.len() - 1];
+    // V^(1/3) = 2 mm.
+    let length = (1.0 + std::f64::consts::PI / 12.0) * (2e-3 + 4e-6 / 1.0);
+    assert!((gap / length - 1.0).abs() < 1e-5, "{gap} {length}");
+    // Half way the reduced gap is 1.25e-3 sqrt(0.1 / 8e-9).
+    let [gap, force] = path[path.len() / 2];
+    let x = gap * (0.1_f64 / 8e-9).sqrt();
+    assert!((force * (1.0 + 1.05 * x + 2.5 * x * x) / most - 1.0).abs() < 1e-12);
+    // The work of opening is the energy the bridge gives back.
+    let work: f64 = path.windows(2).map(|w| 0.5 * (w[0][1] + w[1][1]) * (w[1][0] - w[0][0])).sum();
+    let wet = Memory { more: More { bridge: true, ..More::default() }, ..Memory::default() };
+    let energy = law.energy(&touch(0.0), &wet);
+    assert!((work / -energy - 1.0).abs() < 1e-3, "{work} {energy}");
+}
+
+#[test]
+fn moments_grow_and_give_way() {
+    let law = Law::Linear(Linear { rolling: Some(ROLLING), ..Linear::new(1e6, 0.5, 30.0) });
+    let spin = DVec3::new(0.7, 2.0, -1.0);
+    let touch = Touch { spin, ..Touch::prospective([0.1, 0.1], 1e-3, 1.0) };
+    let mut memory = Memory::default();
+    // k_t r² = 0.5 1e5 0.01 = 500 N m/rad, F_n r = 100 N 0.1 m.
+    let moment = law.load(&touch, &mut memory, 1e-4).moment;
+    let expected = 500.0 * 1e-4 * DVec3::new(0.6 * 0.7, 0.8 * 2.0, -0.8);
+    assert!((moment - expected).length() < 1e-12, "{moment}");
+    for _ in 0..1000 {
+        law.load(&touch, &mut memory, 1e-4);
+    }
+    let moment = law.load(&touch, &mut memory, 1e-4).moment;
+    assert!(
+        (moment.x - 0.2 * 10.0).abs() < 1e-12 && (moment.with_x(0.0).length() - 0.3 * 10.0).abs() < 1e-12
+    );
+    assert!((law.stiffness(&touch).roll / 400.0 - 1.0).abs() < 1e-12);
 }

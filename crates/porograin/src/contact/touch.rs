@@ -155,17 +155,16 @@ impl<'a> Surroundings<'a> {
     /// The law of a pair.
     #[inline]
     pub fn law(&self, pair: [u32; 2]) -> &'a Law {
-        self.laws.of(self.grains, pair)
+        self.laws.own(self.grains, pair).unwrap_or(&self.laws.all)
     }
 
     /// The touch of a pair under the law that acts on it.
     #[inline(always)]
     pub fn touch(&self, pair: [u32; 2]) -> Touch {
-        let near = self.near(pair);
-        if self.laws.pairs.is_empty() || wall(pair[1]).is_some() {
-            near.touch()
-        } else {
-            Touch { friction: self.law(pair).friction().to_radians().tan(), ..near.touch() }
+        let touch = self.near(pair).touch();
+        match self.laws.own(self.grains, pair) {
+            Some(law) => Touch { friction: law.friction().to_radians().tan(), ..touch },
+            None => touch,
         }
     }
 
