@@ -11,7 +11,8 @@
 //!
 //! and the throat's region is the double pyramid on that polygon whose apexes are the radical centres of the two
 //! pores. Everything is signed by the side on which a centre lies, which makes the regions partition the sample
-//! exactly: over all throats the void volumes sum to the void, the wetted surfaces to the surface of the solid.
+//! exactly: over all throats the void volumes sum to the void, the wetted surfaces to the surface of the solid. Overlapping
+//! grains count as often as they overlap; no centre may lie so deep in another grain that it leaves its own power cell.
 
 mod shape;
 

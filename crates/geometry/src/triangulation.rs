@@ -259,7 +259,9 @@ impl Sample {
             !torus || SMALL_HOLES * square.sqrt() < lattice.least_height()
         };
         let survey = view.survey(&old.pores, &old.neighbours);
-        if survey.bad.len() > old.pores.len() / 8 + 8 || !small(survey.largest) {
+        // In a torus, where holes must not wind around, not even of a small sample.
+        let few = old.pores.len() / 8 + if torus { 0 } else { 8 };
+        if survey.bad.len() > few || !small(survey.largest) {
             return Ok(None);
         }
         let shifts = |pores: &[[Vertex; 4]]| match torus {

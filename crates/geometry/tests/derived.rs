@@ -6,10 +6,11 @@ use common::Dice;
 use glam::{DMat3, DVec3};
 use porograin_geometry::gradient::pore_volume_gradient;
 use porograin_geometry::locate::locate;
-use porograin_geometry::throat::{Packing, pore_volume, radical_centres};
+use porograin_geometry::throat::{Packing, pore_volume, radical_centres, shapes, throats};
 use porograin_geometry::triangulation::wall;
 use porograin_geometry::voronoi::{Voronoi, voronoi};
 use porograin_geometry::{Cell, Triangulation};
+use std::f64::consts::PI;
 
 fn cells() -> Vec<Cell> {
     let sheared = DMat3::from_cols(DVec3::X, DVec3::new(0.25, 1.0, 0.0), DVec3::new(-0.25, 0.125, 1.0));
@@ -91,6 +92,89 @@ fn power_cells_partition_the_sample() {
                 assert!(v.corners(f).len() > 2);
             }
         }
+    }
+}
+
+/// Distance of a centre to the nearest other, images included.
+fn free(cell: &Cell, x: &[DVec3], g: usize) -> f64 {
+    let range = |k: usize| if cell.periodic[k] { -1..=1 } else { 0..=0 };
+    let mut least = f64::INFINITY;
+    for (i, j, k) in range(0).flat_map(|i| range(1).flat_map(move |j| range(2).map(move |k| (i, j, k)))) {
+        let to = |p: &DVec3| (*p + cell.shift([i, j, k])).distance(x[g]);
+        least = x.iter().map(to).filter(|d| *d > 0.0).fold(least, f64::min);
+    }
+    least
+}
+
+#[test]
+fn void_and_surface_partition_every_cell() {
+    let mut dice = Dice(34);
+    for cell in cells() {
+        for n in [1, 2, 7, 60, 900] {
+            let (x, mut r) = cloud(&mut dice, &cell, n);
+            // Overlaps, but no centre within another grain (or its own image).
+            for g in 0..n {
+                r[g] = r[g].min(free(&cell, &x, g));
+            }
+            let packing = Packing { cell: &cell, position: &x, radius: &r };
+            let t = Triangulation::new(&cell, &x, &r).unwrap();
+            let throats = throats(&t);
+            let (mut void, mut grains, mut walls) = (0.0, vec![0.0; n], [0.0; 6]);
+            let centres = radical_centres(packing, &t);
+            for (vertices, shape) in shapes(packing, &t, &centres, &throats, |t, s| (t.vertices, s)) {
+                void += shape.void;
+                for (v, surface) in vertices.into_iter().zip(shape.surface) {
+                    *wall(v).map_or_else(|| &mut grains[v as usize], |face| &mut walls[face]) += surface;
+                }
+            }
+            assert!(t.hidden.is_empty());
+            let seen = |g: usize| 4.0 * PI * r[g] * r[g];
+            let solid: f64 = (0..n).map(|g| seen(g) * r[g] / 3.0).sum();
+            assert!((void - (cell.volume() - solid)).abs() < 1e-9 * cell.volume(), "{void} {solid}");
+            for g in 0..n {
+                assert!((grains[g] - seen(g)).abs() < 1e-9 * seen(g), "grain {g} of {n}: {}", grains[g]);
+            }
+            for (face, found) in walls.into_iter().enumerate() {
+                let e = |k: usize| cell.edges.col((face / 2 + k) % 3);
+                let expected = if cell.periodic[face / 2] { 0.0 } else { e(1).cross(e(2)).length() };
+                assert!((found - expected).abs() < 1e-9, "face {face}: {found} {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn turning_and_moving_a_periodic_sample_turns_and_moves_everything() {
+    let mut dice = Dice(35);
+    let cell = cells()[0];
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 1.1);
+    let by = DVec3::new(0.3, -7.0, 2.5);
+    let turned_cell = Cell { origin: turn * cell.origin + by, edges: turn * cell.edges, ..cell };
+    for n in [1, 5, 60, 2000] {
+        let (x, r) = cloud(&mut dice, &cell, n);
+        let y: Vec<DVec3> = x.iter().map(|x| turn * *x + by).collect();
+        let [before, after] = [(&cell, &x), (&turned_cell, &y)].map(|(cell, position)| {
+            let packing = Packing { cell, position, radius: &r };
+            let t = Triangulation::new(cell, position, &r).unwrap();
+            let centres = radical_centres(packing, &t);
+            let shapes = shapes(packing, &t, &centres, &throats(&t), |_, shape| shape);
+            let volumes: Vec<f64> = (0..t.pores.len()).map(|p| pore_volume(packing, &t, p)).collect();
+            let cells = voronoi(packing, &t, &centres);
+            (t, shapes, volumes, cells)
+        });
+        // One grain per period ties everywhere: other pores, the same volumes.
+        if n > 1 {
+            assert!(before.0 == after.0, "the same pores with the same shifts");
+            for (a, b) in before.1.iter().zip(&after.1) {
+                assert!((turn * a.normal).distance(b.normal) < 1e-6);
+                for (a, b) in [(a.area, b.area), (a.fluid_area, b.fluid_area), (a.void, b.void)] {
+                    assert!((a - b).abs() < 1e-9, "{a} {b}");
+                }
+                assert!((0..3).all(|k| (a.surface[k] - b.surface[k]).abs() < 1e-9));
+            }
+            assert!(before.2.iter().zip(&after.2).all(|(a, b)| (a - b).abs() < 1e-12));
+        }
+        assert!(before.3.volume.iter().zip(&after.3.volume).all(|(a, b)| (a - b).abs() < 1e-9));
     }
 }
 

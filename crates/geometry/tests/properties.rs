@@ -53,8 +53,8 @@ proptest! {
     }
 
     #[test]
-    fn repair_equals_rebuild(grains in prop::collection::vec((grain(), grain()), 1..40), by in prop_oneof![Just(1.0), Just(1e-3), Just(1e-9)]) {
-        let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+    fn repair_equals_rebuild(grains in prop::collection::vec((grain(), grain()), 1..40), by in prop_oneof![Just(1.0), Just(1e-3), Just(1e-9)], periodic in any::<[bool; 3]>()) {
+        let cell = Cell { periodic, ..Cell::walled(DVec3::ZERO, DVec3::ONE) };
         let x: Vec<DVec3> = grains.iter().map(|g| DVec3::from(g.0.0)).collect();
         let y: Vec<DVec3> = grains.iter().map(|g| DVec3::from(g.0.0).lerp(DVec3::from(g.1.0), by)).collect();
         let r: Vec<f64> = grains.iter().map(|g| g.0.1.min(0.5)).collect();
