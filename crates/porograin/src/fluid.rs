@@ -117,7 +117,7 @@ pub fn follow(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result
     if state.pores().is_none_or(|water| water.recipe != recipe) {
         renew(state, &recipe, model, pores, scratch)?;
     }
-    make(state, &recipe, pores, scratch)?;
+    make(state, &recipe, pores, scratch, false)?;
     let (Some(made), Some(water)) = (&scratch.made, state.pores()) else { return Ok(None) };
     if state.step % LOOK_EVERY != 0 || state.step == water.made_at_step {
         return Ok(None);
@@ -157,8 +157,7 @@ fn renew(
         pressure: Vec::new(),
         before: Vec::new(),
     }));
-    scratch.made = None;
-    make(state, recipe, pores, scratch)?;
+    make(state, recipe, pores, scratch, true)?;
     let (Some(Fluid::Pores(water)), Some(made)) = (&mut state.fluid, &mut scratch.made) else {
         return Ok(());
     };
@@ -179,16 +178,28 @@ fn renew(
     Ok(())
 }
 
-/// Makes the mesh that the state asks for, unless it is there already.
-fn make(state: &State, recipe: &Recipe, pores: &Pores, scratch: &mut Scratch) -> Result<(), StepError> {
+/// Makes the mesh that the state asks for, unless it is there already and need not be made `afresh`.
+fn make(
+    state: &State,
+    recipe: &Recipe,
+    pores: &Pores,
+    scratch: &mut Scratch,
+    afresh: bool,
+) -> Result<(), StepError> {
     let Some(water) = state.pores() else { return Ok(()) };
-    if scratch.made.as_ref().is_some_and(|m| m.at_step == water.made_at_step && m.recipe == *recipe) {
+    let current = |m: &Made| m.at_step == water.made_at_step && m.recipe == *recipe;
+    if !afresh && scratch.made.as_ref().is_some_and(current) {
         return Ok(());
     }
     let packing =
         Packing { cell: &water.mesh_cell, position: &water.mesh_position, radius: &state.grains.radius };
-    let mesh = Mesh::new(packing, &recipe.walls, recipe.conductance, recipe.viscosity)
+    // From the last one, if there is one: repaired or built at once, the bits are the same.
+    let mut triangulation = scratch.made.take().map(|made| made.mesh.triangulation).unwrap_or_default();
+    triangulation
+        .repair(packing.cell, packing.position, packing.radius)
         .map_err(|error| StepError::Fluid(format!("the pores cannot be meshed: {error}")))?;
+    let mesh =
+        Mesh::from_triangulation(packing, triangulation, &recipe.walls, recipe.conductance, recipe.viscosity);
     let system = System::new(&mesh, pores.solver.method(), pores.residual, EXPECTED_SOLVES)
         .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
     scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, system });
