@@ -145,8 +145,8 @@ impl Triangulation {
     /// Follows the grains to new positions, radii or a new cell: the same result as [`new`](Self::new), bit for bit, and
     /// cheaper if few pores change.
     ///
-    /// Any triangulation of as many grains will do as a start; if too much has changed, or if the sample is a periodic one of
-    /// fewer than about 5000 grains, it is rebuilt.
+    /// Any triangulation of as many grains will do as a start; if too much has changed, or if the power spheres are not small against
+    /// the period (a few hundred grains), it is rebuilt.
     ///
     /// # Errors
     /// Those of [`new`](Self::new); the triangulation is then unchanged.
@@ -177,9 +177,6 @@ pub struct Repair {
     /// Number of grains that were inserted anew: hidden before, or left without a pore.
     pub reinserted: usize,
 }
-
-/// In a torus that is repaired the largest power sphere fits this often into the distance of lattice planes.
-const SMALL_HOLES: f64 = 12.0;
 
 /// Checked and snapped input, in the user's numbering.
 struct Sample {
@@ -253,10 +250,10 @@ impl Sample {
         }
         let labels: Vec<u32> = (0..n as u32).collect();
         let view = View::new(&self.points, &labels, FIRST_WALL, &self.space);
-        // Holes must be small against the period, so that their vertices are met at the nearest images.
+        // Power spheres must be small against the period, so that vertices are met at the nearest images.
         let small = |power: f64| {
             let square = (power + self.space.largest).max(0.0);
-            !torus || SMALL_HOLES * square.sqrt() < lattice.least_height()
+            !torus || periodic::FIT * square.sqrt() < lattice.least_height() * (1.0 - 1e-9)
         };
         let survey = view.survey(&old.pores, &old.neighbours);
         // In a torus, where holes must not wind around, not even of a small sample.

@@ -31,7 +31,7 @@ fn small_and_large_motions() {
     let mut dice = Dice(21);
     for cell in cells() {
         let mut followed = 0;
-        for m in [2, 5, 18, 20] {
+        for m in [2, 5, 9, 18] {
             let x = grid(&mut dice, m);
             let r: Vec<f64> = x.iter().map(|_| (0.1 + 0.5 * dice.unit()) / m as f64).collect();
             for by in [0.0, 1e-12, 1e-6, 1e-3, 0.01, 0.05, 0.5] {
@@ -48,6 +48,26 @@ fn small_and_large_motions() {
         }
         assert!(followed >= 8);
     }
+}
+
+#[test]
+#[ignore = "long: 600 small tori followed through motions of every size"]
+fn small_tori() {
+    let mut dice = Dice(25);
+    let mut followed = 0;
+    for trial in 0..200 {
+        for cell in cells() {
+            let n = 60 + dice.below(600) as usize;
+            let x: Vec<DVec3> = (0..n).map(|_| dice.point()).collect();
+            let r: Vec<f64> = x.iter().map(|_| 0.06 * dice.unit()).collect();
+            let mut t = Triangulation::new(&cell, &x, &r).unwrap();
+            let by = 10f64.powi(-(trial % 5) - 1) * 0.1;
+            let y = shaken(&mut dice, &x, by);
+            followed += usize::from(!t.repair(&cell, &y, &r).unwrap().rebuilt);
+            assert!(t == Triangulation::new(&cell, &y, &r).unwrap(), "{trial} {n}");
+        }
+    }
+    assert!(followed > 200, "{followed}");
 }
 
 #[test]

@@ -15,8 +15,6 @@ use crate::predicates::Sphere;
 
 /// Holes with more vertices are left to a rebuild.
 const LARGEST_HOLE: usize = 200;
-/// In a torus all vertices of a hole must be seen at their nearest images.
-const LARGEST_TORUS_HOLE: usize = 40;
 
 /// The repair gave up; the mesh must be rebuilt.
 pub(super) struct GaveUp;
@@ -126,7 +124,6 @@ impl<'a> Patch<'a> {
 
     /// Grows a hole until the pores around it conflict with none of its vertices; returns its facets and vertices.
     fn grow(&mut self, hole: &mut Vec<u32>) -> Result<(Vec<Front>, Vec<Vertex>), GaveUp> {
-        let limit = if self.view.torus { LARGEST_TORUS_HOLE } else { LARGEST_HOLE };
         let round = self.report.holes as u32 + 1;
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut added, mut front) = (0, Vec::new());
@@ -139,7 +136,7 @@ impl<'a> Patch<'a> {
                     }
                 }
             }
-            if vertices.len() > limit {
+            if vertices.len() > LARGEST_HOLE {
                 return Err(GaveUp);
             }
             added = hole.len();
@@ -170,6 +167,12 @@ impl<'a> Patch<'a> {
                 }
             }
             if hole.len() == added {
+                // In a torus all of them must see each other at their nearest images.
+                let mut grains = vertices.iter().filter(|&&v| self.view.is_grain(v));
+                let first = grains.next().copied().unwrap_or(0);
+                if !grains.all(|&v| self.view.are_close(first, v)) {
+                    return Err(GaveUp);
+                }
                 return Ok((front, vertices));
             }
         }

@@ -131,6 +131,12 @@ impl<'a> View<'a> {
         self.lattice.is_close([p[0] - q[0], p[1] - q[1], p[2] - q[2]])
     }
 
+    /// Whether the nearest images of two grains are so close that others as close to the first are in the same image.
+    pub fn are_close(&self, a: u32, b: u32) -> bool {
+        let (p, q) = (self.points[a as usize], self.points[b as usize]);
+        self.lattice.is_close(self.lattice.nearest([p[0] - q[0], p[1] - q[1], p[2] - q[2]]))
+    }
+
     /// The row of a vertex in the image nearest to another grain of the same pore.
     #[inline]
     pub fn row_beside(&self, vertex: u32, beside: u32, row: &Row, query: [f64; 4]) -> Row {
