@@ -6,6 +6,7 @@ mod damping;
 mod follow;
 mod friction;
 mod hertz_mindlin;
+mod lanes;
 mod law;
 mod linear;
 mod memory;

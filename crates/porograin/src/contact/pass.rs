@@ -4,7 +4,8 @@
 //! grain, with them. A block adds its loads in order of contact to its own grains and puts aside what acts on grains
 //! of later blocks; that is added afterwards in order of contact. The order of every sum depends on [`BLOCK`] alone.
 
-use super::{ContactLaw, Contacts, Law, Memory, More, PairLoad, Plain, Surroundings, Touch, turn};
+use super::lanes::{BATCH, Batch};
+use super::{ContactLaw, Contacts, Law, Memory, More, Plain, Surroundings};
 use crate::grains::Loads;
 use glam::DVec3;
 use porograin_geometry::triangulation::wall;
@@ -126,19 +127,41 @@ impl Share<'_> {
         rayon::join(|| front.split(run), || back.split(run));
     }
 
-    /// Springs and friction, one law for all.
-    fn run_plain<L: ContactLaw>(mut self, law: &L, surroundings: &Surroundings, last: f64) {
+    /// Springs and friction, one law for all, in the widest vectors of the machine.
+    fn run_plain<L: ContactLaw>(self, law: &L, surroundings: &Surroundings, last: f64) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has what the function was compiled for.
+            return unsafe { self.run_plain_avx2(law, surroundings, last) };
+        }
+        self.run_lanes(law, surroundings, last);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn run_plain_avx2<L: ContactLaw>(self, law: &L, surroundings: &Surroundings, last: f64) {
+        self.run_lanes(law, surroundings, last);
+    }
+
+    #[inline(always)]
+    fn run_lanes<L: ContactLaw>(mut self, law: &L, surroundings: &Surroundings, last: f64) {
         self.begin();
-        for k in 0..self.pairs.len() {
-            let touch = surroundings.near(self.pairs[k]).touch();
-            if touch.overlap <= 0.0 {
-                self.part(k);
-                continue;
+        let mut batch = Batch::new();
+        for start in (0..self.pairs.len()).step_by(BATCH) {
+            let end = (start + BATCH).min(self.pairs.len());
+            for k in start..end {
+                batch.put(k - start, &surroundings.near(self.pairs[k]), self.shear[k]);
             }
-            let mut memory = Memory::from(turn(self.shear[k], touch.normal, touch.twist * last));
-            let load = law.load(&touch, &mut memory, last);
-            self.shear[k] = memory.shear;
-            self.give(self.pairs[k], &touch, &load);
+            batch.compute(law, last);
+            for k in start..end {
+                let lane = batch.lane(k - start);
+                if lane.overlap > 0.0 {
+                    self.shear[k] = lane.shear;
+                    self.give(self.pairs[k], lane.force, lane.turning, lane.levers, DVec3::ZERO);
+                } else {
+                    self.part(k);
+                }
+            }
         }
     }
 
@@ -155,7 +178,8 @@ impl Share<'_> {
                 continue;
             }
             (self.shear[k], self.more[k]) = (memory.shear, memory.more);
-            self.give(self.pairs[k], &touch, &load);
+            let turning = touch.normal.cross(load.force);
+            self.give(self.pairs[k], load.force, turning, touch.levers(), load.moment);
         }
     }
 
@@ -170,21 +194,23 @@ impl Share<'_> {
         self.blocks[0].parted.push((self.first_contact + k) as u32);
     }
 
-    /// Adds the load to the two of the pair; `n x F` times a lever is a torque of the same sense on both.
+    /// Adds a force and a moment to the first of the pair and the opposite to the second; `turning`, `n x F`, times a lever
+    /// is a torque of the same sense on both.
     #[inline(always)]
-    fn give(&mut self, pair: [u32; 2], touch: &Touch, &PairLoad { force, moment }: &PairLoad) {
-        let (turning, [near, far]) = (touch.normal.cross(force), touch.levers());
+    fn give(&mut self, pair: [u32; 2], force: DVec3, turning: DVec3, levers: [f64; 2], moment: DVec3) {
         let offset = self.first_block * BLOCK;
         let i = pair[0] as usize - offset;
         self.force[i] += force;
-        self.torque[i] += near * turning + moment;
+        self.torque[i] += levers[0] * turning + moment;
         if let Some(face) = wall(pair[1]) {
             self.blocks[0].wall[face] -= force;
-        } else if let Some(on) = self.force.get_mut(pair[1] as usize - offset) {
+            return;
+        }
+        let (j, torque) = (pair[1] as usize - offset, levers[1] * turning - moment);
+        if let Some(on) = self.force.get_mut(j) {
             *on -= force;
-            self.torque[pair[1] as usize - offset] += far * turning - moment;
+            self.torque[j] += torque;
         } else {
-            let torque = far * turning - moment;
             self.blocks[0].later.push(Later { grain: pair[1], force: -force, torque });
         }
     }
