@@ -55,6 +55,13 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
     ),
     ("conductances", &[("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)")]),
     (
+        "couplings",
+        &[
+            ("reciprocal", "forces and volume rates from one set of coefficients"),
+            ("geometric", "volume rates of the tetrahedra, forces by wetted surface, for comparison"),
+        ],
+    ),
+    (
         "steps of the water",
         &[
             ("auto", "implicit where the water would shorten an explicit step more than three times"),

@@ -66,6 +66,7 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("fluid.flow={x=1}", true),
         ("fluid.flow.pores.solver=x", true),
         ("fluid.flow.pores.step=x", true),
+        ("fluid.flow.pores.coupling=x", true),
         ("fluid.flow.pores.conductance=x", true),
         ("face.top.water.pressure={x=1}", true),
         ("stage.fall.until={x=1}", true),

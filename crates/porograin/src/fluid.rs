@@ -7,7 +7,7 @@ use crate::model::{Flow, FluidModel, Model};
 use crate::motion::pistons;
 use crate::permeability;
 use crate::pores::mesh::{Carried, Mesh, Walls};
-use crate::pores::{Memory, PoreState, Pores, Recipe, Stepping, System, viscous};
+use crate::pores::{Coupling, Memory, PoreState, Pores, Recipe, Stepping, System, geometric, viscous};
 use crate::state::State;
 use crate::step::StepError;
 use glam::DVec3;
@@ -136,7 +136,12 @@ pub fn follow(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result
 fn recipe(model: &Model, fluid: &FluidModel, pores: &Pores) -> Recipe {
     let open = std::array::from_fn(|f| matches!(model.faces[f].water, Water::Pressure(_)));
     let slip = std::array::from_fn(|f| if open[f] { Slip::Symmetry } else { model.faces[f].slip });
-    Recipe { walls: Walls { open, slip }, conductance: pores.conductance, viscosity: fluid.viscosity }
+    Recipe {
+        walls: Walls { open, slip },
+        conductance: pores.conductance,
+        coupling: pores.coupling,
+        viscosity: fluid.viscosity,
+    }
 }
 
 /// Starts afresh from where the grains are now.
@@ -170,6 +175,8 @@ fn renew(
     let implicit = match pores.step {
         Stepping::Explicit => false,
         Stepping::Implicit => true,
+        // The implicit operator is symmetric only for reciprocal coupling.
+        Stepping::Auto if pores.coupling == Coupling::Geometric => false,
         Stepping::Auto => implicit::pays(state, model, rate),
     };
     if let Some(Fluid::Pores(water)) = &mut state.fluid {
@@ -198,8 +205,11 @@ fn make(
     triangulation
         .repair(packing.cell, packing.position, packing.radius)
         .map_err(|error| StepError::Fluid(format!("the pores cannot be meshed: {error}")))?;
-    let mesh =
+    let mut mesh =
         Mesh::from_triangulation(packing, triangulation, &recipe.walls, recipe.conductance, recipe.viscosity);
+    if recipe.coupling == Coupling::Geometric {
+        geometric::couple(&mut mesh, packing, &recipe.walls, recipe.conductance);
+    }
     let system = System::new(&mesh, pores.solver.method(), pores.residual, EXPECTED_SOLVES)
         .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
     scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, system });

@@ -4,11 +4,13 @@ use glam::{DMat3, DVec3};
 use porograin::Loads;
 use porograin::boundary::Slip;
 use porograin::permeability::{Problem, measure};
+use porograin::pores::conductance::Passage;
+use porograin::pores::coupling::coupling;
 use porograin::pores::mesh::{Carried, Mesh, Walls};
 use porograin::pores::{Conductance, Solver, System};
 use porograin_geometry::Cell;
-use porograin_geometry::throat::Packing;
-use porograin_geometry::triangulation::wall;
+use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
+use porograin_geometry::triangulation::{FACET, wall};
 
 struct Random(u64);
 
@@ -189,6 +191,109 @@ fn pressure_work_of_moving_grains_is_dissipated_in_the_throats() {
             .sum();
         assert!(dissipated > 0.0);
         assert!((power + dissipated).abs() < 1e-9 * dissipated, "{}: {power} {dissipated}", sample.name);
+    }
+}
+
+/// `V = S G⁻¹ Sᵀ` as a full matrix over velocities and spins of the grains and velocities of the walls.
+fn damping(mesh: &Mesh, n: usize) -> Vec<Vec<f64>> {
+    let mut system = System::new(mesh, Solver::Cholesky.method(), 1e-12, 100).unwrap();
+    let size = 6 * n + 18;
+    let mut matrix = Vec::new();
+    for column in 0..size {
+        let unit = |k: usize| DVec3::from_array([0, 1, 2].map(|c| f64::from(u8::from(k + c == column))));
+        let velocity: Vec<DVec3> = (0..n).map(|i| unit(3 * i)).collect();
+        let spin: Vec<DVec3> = (0..n).map(|i| unit(3 * (n + i))).collect();
+        let walls: [DVec3; 6] = std::array::from_fn(|f| unit(3 * (2 * n + f)));
+        let mut out = Carried::default();
+        mesh.carried(&velocity, &spin, &walls, &mut out);
+        let mut pressure = vec![0.0; mesh.nodes()];
+        system.solve(mesh, &out.node, &[0.0; 6], &mut pressure).unwrap();
+        let mut loads = Loads::default();
+        loads.clear(n);
+        mesh.add_loads(&pressure, &mut loads);
+        let all = loads.force.iter().chain(&loads.torque).chain(&loads.wall);
+        matrix.push(all.flat_map(|load| (-*load).to_array()).collect());
+    }
+    matrix
+}
+
+/// Whether every eigenvalue of a symmetric matrix is above `-shift`: it then has a Cholesky factor.
+fn above(mut a: Vec<Vec<f64>>, shift: f64) -> bool {
+    let n = a.len();
+    for k in 0..n {
+        a[k][k] += shift;
+    }
+    for k in 0..n {
+        if a[k][k] <= 0.0 {
+            return false;
+        }
+        for i in k + 1..n {
+            let factor = a[i][k] / a[k][k];
+            for j in k + 1..n {
+                a[i][j] -= factor * a[k][j];
+            }
+        }
+    }
+    true
+}
+
+#[test]
+fn the_water_only_damps() {
+    let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+    for (name, n, ratio, seed) in
+        [("equal", 40, 1.0, 11), ("two sizes", 60, 0.0, 12), ("many sizes", 60, 6.0, 13)]
+    {
+        let (x, mut r) = cloud(&cell, n, if ratio > 1.0 { 0.15 } else { 0.1 }, f64::max(ratio, 1.0), seed);
+        if ratio == 0.0 {
+            // Every other grain half as big.
+            r.iter_mut().step_by(2).for_each(|r| *r *= 0.5);
+        }
+        let sample = Sample { name, cell, x, r };
+        for slip in [Slip::Symmetry, Slip::NoSlip] {
+            let v = damping(&mesh(&sample, slip, TOP_BOTTOM), n);
+            let largest = (0..v.len()).map(|k| v[k][k]).fold(0.0, f64::max);
+            for i in 0..v.len() {
+                for j in 0..i {
+                    assert!((v[i][j] - v[j][i]).abs() < 1e-10 * largest, "{name}: {} {}", v[i][j], v[j][i]);
+                }
+            }
+            assert!(above(v.clone(), 1e-9 * largest), "{name} {slip:?} has a growing mode");
+            let mut turned = v;
+            turned[5][5] -= 2.0 * turned[5][5];
+            assert!(!above(turned, 1e-9 * largest), "the test sees growing modes");
+        }
+    }
+}
+
+#[test]
+fn every_throat_balances_forces_and_moments() {
+    let mut random = Random(21);
+    for sample in samples() {
+        let packing = Packing { cell: &sample.cell, position: &sample.x, radius: &sample.r };
+        let mesh = mesh(&sample, Slip::NoSlip, TOP_BOTTOM);
+        let centres = radical_centres(packing, &mesh.triangulation);
+        for throat in throats(&mesh.triangulation) {
+            let shape = shape(packing, &mesh.triangulation, &centres, &throat);
+            let passage = Passage { shape: &shape, vertices: throat.vertices, slip: &[Slip::NoSlip; 6] };
+            let pore = throat.pores[0] as usize;
+            let points = FACET[throat.facet as usize].map(|m| packing.point(&mesh.triangulation, pore, m));
+            let [Some(a), Some(b), Some(c)] = points else { continue };
+            let coupled = coupling(packing, &passage, points, Conductance::HydraulicRadius);
+            let push = shape.area * shape.normal;
+            let force: DVec3 = coupled.force.iter().sum();
+            assert!((force - push).length() < 1e-12 * shape.area, "{}", sample.name);
+            // The pressure difference acts on the whole facet; the part over the sectors acts on the grains'
+            // surfaces, through their centres, and its moment about them closes around each grain of a pore.
+            let point = random.vector();
+            let mut moment: DVec3 = coupled.torque.iter().sum();
+            for (x, force) in [a, b, c].into_iter().zip(coupled.force) {
+                moment += (x - point).cross(force);
+            }
+            let sectors: DVec3 = shape.sector_moment.iter().sum();
+            let expected = (shape.area * (shape.centroid - point) - sectors).cross(shape.normal);
+            let scale = shape.area * (shape.centroid - point).length();
+            assert!((moment - expected).length() < 1e-10 * scale, "{}: {moment} {expected}", sample.name);
+        }
     }
 }
 

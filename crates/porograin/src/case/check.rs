@@ -5,6 +5,7 @@ use crate::boundary::{Signal, Solid, Water};
 use crate::contact::{Law, Restitution};
 use crate::darcy::{Cells, Darcy, Permeability, Transfer};
 use crate::model::{Flow, TimeStep};
+use crate::pores::{Coupling, Stepping};
 use crate::watch::Every;
 
 /// A range a number has to be in.
@@ -356,6 +357,13 @@ impl Case {
                 self.number(&format!("{path}.pores.residual"), pores.residual, Range::Positive)?;
                 let path_implicit = format!("{path}.pores.implicit-residual");
                 self.number(&path_implicit, pores.implicit_residual, Range::Positive)?;
+                if pores.coupling == Coupling::Geometric && pores.step == Stepping::Implicit {
+                    return self.refuse(
+                        &format!("{path}.pores.step"),
+                        "implicit steps need the coupling `reciprocal`: with `geometric` the water can give the grains \
+                         energy, and implicit steps blow up",
+                    );
+                }
                 self.number(&format!("{path}.pores.remesh.strain"), pores.remesh.strain, Range::Positive)
             }
             Flow::Darcy(darcy) => self.darcy(&format!("{path}.darcy"), darcy),

@@ -11,7 +11,7 @@ use porograin_geometry::triangulation::wall;
 /// Force and torque on each vertex per unit of `p_i - p_j` [m², m³]; also the volume carried from pore i to pore j
 /// per unit velocity and spin of that vertex. Walls have no torque.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Coupling {
+pub struct ThroatCoupling {
     /// `(A_k + A_f w_k) n`.
     pub force: [DVec3; 3],
     /// `A_f s_k l_k x n`.
@@ -30,9 +30,9 @@ pub fn coupling(
     passage: &Passage,
     points: [Option<DVec3>; 3],
     conductance: Conductance,
-) -> Coupling {
+) -> ThroatCoupling {
     let shape = passage.shape;
-    let mut result = Coupling::default();
+    let mut result = ThroatCoupling::default();
     let Some(origin) = points.iter().flatten().next().copied() else { return result };
     if shape.area == 0.0 {
         return result;

@@ -71,6 +71,9 @@ pub struct Mesh {
     pub force: Vec<[DVec3; 4]>,
     /// Torque on each vertex of each pore per unit of its pressure [m³].
     pub torque: Vec<[DVec3; 4]>,
+    /// Volume rate of each pore per velocity of its vertices, where that is not the transpose of `force` and `torque`
+    /// but the [geometric](super::geometric) one [m²].
+    pub volume_rate: Option<Vec<[DVec3; 4]>>,
     /// Where the slots of each grain begin in `slots`.
     starts: Vec<u32>,
     /// Slots `4 pore + vertex` by grain, in rising order.
@@ -183,6 +186,7 @@ impl Mesh {
             conductance: Vec::with_capacity(throats.len()),
             force: vec![[DVec3::ZERO; 4]; pores],
             torque: vec![[DVec3::ZERO; 4]; pores],
+            volume_rate: None,
             starts: Vec::new(),
             slots: Vec::new(),
             wall_slots: Vec::new(),
@@ -217,7 +221,7 @@ impl Mesh {
     }
 
     /// The face a pore has on a wall closes its surface; the pressure pushes it outwards.
-    fn add_wall_faces(&mut self, closing: &[DVec3]) {
+    pub(super) fn add_wall_faces(&mut self, closing: &[DVec3]) {
         for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
             for (k, &vertex) in vertices.iter().enumerate() {
                 if let Some(face) = wall(vertex) {
@@ -268,7 +272,8 @@ impl Mesh {
     /// (length nodes).
     pub fn carried(&self, velocity: &[DVec3], spin: &[DVec3], wall_velocity: &[DVec3; 6], out: &mut Carried) {
         let per_pore = |pore: usize| {
-            let (force, torque) = (&self.force[pore], &self.torque[pore]);
+            let force = self.volume_rate.as_ref().map_or(&self.force[pore], |rates| &rates[pore]);
+            let torque = &self.torque[pore];
             let mut rate = 0.0;
             for (k, &vertex) in self.triangulation.pores[pore].iter().enumerate() {
                 rate += match wall(vertex) {

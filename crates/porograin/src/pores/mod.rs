@@ -2,6 +2,7 @@
 
 pub mod conductance;
 pub mod coupling;
+pub mod geometric;
 pub mod implicit;
 pub mod mesh;
 pub mod pressure;
@@ -22,6 +23,8 @@ use serde::{Deserialize, Serialize};
 pub struct Pores {
     /// How a throat conducts.
     pub conductance: Conductance,
+    /// How grains and water feel each other.
+    pub coupling: Coupling,
     /// When to make a new mesh.
     pub remesh: Remesh,
     /// Relative residual of the pressure solve.
@@ -38,6 +41,7 @@ impl Default for Pores {
     fn default() -> Self {
         Pores {
             conductance: Conductance::HydraulicRadius,
+            coupling: Coupling::Reciprocal,
             remesh: Remesh::default(),
             residual: 1e-8,
             solver: Solver::Auto,
@@ -45,6 +49,17 @@ impl Default for Pores {
             implicit_residual: implicit::RESIDUAL,
         }
     }
+}
+
+/// How grains and water feel each other.
+#[derive(Default, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Coupling {
+    /// Forces and volume rates from one set of coefficients: the water cannot give energy.
+    #[default]
+    Reciprocal,
+    /// Volume rates of the tetrahedra, forces by wetted surface (Catalano), for comparison.
+    Geometric,
 }
 
 /// When to make a new mesh.
@@ -105,6 +120,8 @@ pub struct Recipe {
     pub walls: Walls,
     /// How a throat conducts.
     pub conductance: Conductance,
+    /// How grains and water feel each other.
+    pub coupling: Coupling,
     /// [Pa s]
     pub viscosity: f64,
 }

@@ -1,0 +1,38 @@
+//! The thesis' coupling, for comparison: the flow answers the volume rates of the tetrahedra, while the forces are shared
+//! by wetted surface and turn nothing (Catalano 3.10-3.14, 4.4). The two are not transposes of each other, so the water
+//! can give the grains energy: see the tests of the implicit step.
+
+use super::conductance::{Conductance, Passage};
+use super::mesh::{Mesh, Walls};
+use glam::DVec3;
+use porograin_geometry::gradient::pore_volume_gradient;
+use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
+use porograin_geometry::triangulation::FACET;
+
+/// Replaces the coupling of a mesh.
+pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Conductance) {
+    let pores = mesh.triangulation.pores.len();
+    mesh.force = vec![[DVec3::ZERO; 4]; pores];
+    mesh.torque = vec![[DVec3::ZERO; 4]; pores];
+    let centres = radical_centres(packing, &mesh.triangulation);
+    let mut closing = vec![DVec3::ZERO; pores];
+    for throat in throats(&mesh.triangulation) {
+        let shape = shape(packing, &mesh.triangulation, &centres, &throat);
+        let passage = Passage { shape: &shape, vertices: throat.vertices, slip: &walls.slip };
+        let share = conductance.shares(&passage);
+        let [i, j] = throat.pores.map(|pore| pore as usize);
+        for (k, &slot) in FACET[throat.facet as usize].iter().enumerate() {
+            let force = (shape.covered[k] + shape.fluid_area * share[k]) * shape.normal;
+            mesh.force[i][slot] += force;
+            let vertices = &mesh.triangulation.pores[j];
+            if let Some(slot) = vertices.iter().position(|&v| v == throat.vertices[k]) {
+                mesh.force[j][slot] -= force;
+            }
+        }
+        closing[i] += shape.area * shape.normal;
+        closing[j] -= shape.area * shape.normal;
+    }
+    mesh.add_wall_faces(&closing);
+    let gradient = |pore| pore_volume_gradient(packing, &mesh.triangulation, pore);
+    mesh.volume_rate = Some((0..pores).map(gradient).collect());
+}
