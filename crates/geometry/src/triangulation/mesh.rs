@@ -198,10 +198,19 @@ impl<'a> Mesh<'a> {
 
     #[inline(always)]
     fn conflict(&self, pore: u32, grain: u32, query: [f64; 4]) -> bool {
-        let Pore { vertex, sphere, .. } = &self.pores[pore as usize];
-        let (value, bound) = self.view.filter.power(sphere, query, &self.view.lattice);
+        let sphere = &self.pores[pore as usize].sphere;
+        self.decided(self.view.filter.power(sphere, query, &self.view.lattice), pore, grain, query)
+    }
+
+    /// The outcome of a test by spheres, or of the exact one if that is not clear.
+    #[inline(always)]
+    fn decided(&self, (value, bound): (f64, f64), pore: u32, grain: u32, query: [f64; 4]) -> bool {
         // The bound of an inaccurate sphere is not a number.
-        if value.abs() > bound { value < 0.0 } else { self.view.conflict_exact(*vertex, grain, query) }
+        if value.abs() > bound {
+            value < 0.0
+        } else {
+            self.view.conflict_exact(self.pores[pore as usize].vertex, grain, query)
+        }
     }
 
     /// Collects all pores in conflict with the grain and the facets of the hole they leave.
@@ -211,6 +220,12 @@ impl<'a> Mesh<'a> {
             let (pore, near) = self.hole[done];
             done += 1;
             let Pore { vertex, neighbour, .. } = self.pores[pore as usize];
+            // All four at once, though some are known: the loads and sums run side by side instead of behind branches.
+            let test = |k: usize| match self.pores.get(neighbour[k] as usize) {
+                Some(p) => self.view.filter.power(&p.sphere, query, &self.view.lattice),
+                None => (1.0, 0.0),
+            };
+            let tests = [test(0), test(1), test(2), test(3)];
             for k in 0..4 {
                 let outside = neighbour[k];
                 let mut back = 0;
@@ -220,7 +235,7 @@ impl<'a> Mesh<'a> {
                         continue;
                     }
                     if stamp != self.round {
-                        if self.conflict(outside, grain, query) {
+                        if self.decided(tests[k], outside, grain, query) {
                             self.stamp[outside as usize] = self.round + 1;
                             let near = self.look(outside, query);
                             self.hole.push((outside, near));
@@ -228,8 +243,8 @@ impl<'a> Mesh<'a> {
                         }
                         self.stamp[outside as usize] = self.round;
                     }
-                    let sides = self.pores[outside as usize].neighbour;
-                    back = sides.iter().position(|&p| p == pore).unwrap_or(0);
+                    let [_, b, c, d] = self.pores[outside as usize].neighbour;
+                    back = usize::from(b == pore) + 2 * usize::from(c == pore) + 3 * usize::from(d == pore);
                 }
                 let mut facet = Facet { vertex, near, apex: k, outside, back };
                 facet.vertex[k] = grain;
