@@ -255,10 +255,10 @@ impl Sample {
             let square = (power + self.space.largest).max(0.0);
             !torus || periodic::FIT * square.sqrt() < lattice.least_height() * (1.0 - 1e-9)
         };
-        let survey = view.survey(&old.pores, &old.neighbours);
-        // In a torus, where holes must not wind around, not even of a small sample.
+        // More are as well built afresh; in a torus, where holes must not wind around, even of a small sample.
         let few = old.pores.len() / 8 + if torus { 0 } else { 8 };
-        if survey.bad.len() > few || !small(survey.largest) {
+        let Some(survey) = view.survey(&old.pores, &old.neighbours, few) else { return Ok(None) };
+        if !small(survey.largest) {
             return Ok(None);
         }
         let shifts = |pores: &[[Vertex; 4]]| match torus {

@@ -5,6 +5,7 @@ use super::view::View;
 use super::{FACET, NONE, Vertex};
 use crate::predicates::{self, Row, Sphere};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// Pores checked in one go.
 const BLOCK: usize = 4096;
@@ -18,19 +19,29 @@ pub(super) struct Survey {
 }
 
 impl View<'_> {
-    /// Checks all pores and facets; the first vertex of each pore must be a grain.
-    pub fn survey(&self, pores: &[[Vertex; 4]], neighbours: &[[u32; 4]]) -> Survey {
+    /// Checks all pores and facets, or stops when more than `most` pores are bad; the first vertex of each must be a grain.
+    pub fn survey(&self, pores: &[[Vertex; 4]], neighbours: &[[u32; 4]], most: usize) -> Option<Survey> {
+        let count = AtomicUsize::new(0);
         let block = |b: usize| {
+            if count.load(Relaxed) > most {
+                return None;
+            }
             let pores_of_block = b * BLOCK..pores.len().min((b + 1) * BLOCK);
-            if self.torus {
+            let found = if self.torus {
                 self.survey_block(pores, neighbours, pores_of_block, |d| self.lattice.nearest(d))
             } else {
                 self.survey_block(pores, neighbours, pores_of_block, |d| d)
-            }
+            };
+            count.fetch_add(found.bad.len(), Relaxed);
+            Some(found)
         };
-        let blocks: Vec<Survey> = (0..pores.len().div_ceil(BLOCK)).into_par_iter().map(block).collect();
+        let blocks = (0..pores.len().div_ceil(BLOCK)).into_par_iter().map(block);
+        let blocks: Vec<Survey> = blocks.while_some().collect();
+        if count.load(Relaxed) > most {
+            return None;
+        }
         let largest = blocks.iter().map(|b| b.largest).fold(f64::NEG_INFINITY, f64::max);
-        Survey { bad: blocks.into_iter().flat_map(|b| b.bad).collect(), largest }
+        Some(Survey { bad: blocks.into_iter().flat_map(|b| b.bad).collect(), largest })
     }
 
     #[inline(always)]
