@@ -152,10 +152,26 @@ pub struct Bench {
     #[arg(value_enum)]
     pub what: What,
     /// The grains: a CSV file of x,y,z,r [m].
-    #[arg(long, value_name = "GRAINS.csv")]
-    pub grains: PathBuf,
-    #[command(flatten)]
-    pub packing: Packing,
+    #[arg(
+        long,
+        value_name = "GRAINS.csv",
+        requires = "corners",
+        required_unless_present = "packing",
+        conflicts_with = "packing"
+    )]
+    pub grains: Option<PathBuf>,
+    /// The box of the grains: x0,y0,z0,x1,y1,z1 [m].
+    #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
+    pub corners: Option<Corners>,
+    /// Grains made on the spot: a cloud, grown until it is dense.
+    #[arg(long, value_enum, requires = "count")]
+    pub packing: Option<Made>,
+    /// How many grains to make.
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub count: Option<usize>,
+    /// Contact law of the dry step.
+    #[arg(long, value_enum, default_value = "linear")]
+    pub law: Law,
     /// How many steps to time.
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
@@ -168,6 +184,19 @@ pub struct Bench {
     /// Print one JSON object on standard output.
     #[arg(long)]
     pub json: bool,
+}
+
+/// How grains are made on the spot.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Made {
+    Cloud,
+}
+
+/// A contact law of the benchmark.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Law {
+    Linear,
+    HertzMindlin,
 }
 
 /// An axis of the box.

@@ -32,6 +32,9 @@ impl Bar {
 
     /// Shows `view`, if it is time to.
     pub fn show(&mut self, view: &View) {
+        for trouble in view.news {
+            self.say(&format!("warning: in the stage `{}`, {trouble}", view.name));
+        }
         if self.quiet {
             return;
         }
@@ -57,6 +60,14 @@ impl Bar {
                 bar.set_message(message);
             }
             None => eprintln!("{place}: {message}"),
+        }
+    }
+
+    /// Says a line without spoiling the bar.
+    fn say(&self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| eprintln!("{line}")),
+            None => eprintln!("{line}"),
         }
     }
 

@@ -1,6 +1,6 @@
 //! `porograin bench`.
 
-use crate::arguments::{Bench, What};
+use crate::arguments::{Bench, Law, What};
 use crate::permeability::{RESIDUAL, object, packing};
 use crate::{Failure, Outcome, threads};
 use porograin::bench;
@@ -18,7 +18,11 @@ const REPEATS: u64 = 3;
 /// `porograin bench`.
 pub fn bench(arguments: &Bench) -> Outcome {
     threads(Some(arguments.threads))?;
-    let (cell, spheres) = packing(&arguments.grains, arguments.packing.corners)?;
+    let (cell, spheres) = match (&arguments.grains, arguments.corners, arguments.count) {
+        (Some(grains), Some(corners), _) => packing(grains, corners)?,
+        (_, _, Some(count)) => bench::grown(count).map_err(failed)?,
+        _ => return Err(Failure::Input("give --grains and --box, or --packing and --count".into())),
+    };
     match arguments.what {
         What::Dry => dry(arguments, &cell, spheres),
         What::Coupled => coupled(arguments, &cell, spheres),
@@ -30,11 +34,22 @@ pub fn bench(arguments: &Bench) -> Outcome {
 fn dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     let domain = Domain::walled(cell.origin, cell.upper());
     let steps = arguments.steps.unwrap_or(STEPS) as usize;
-    let cost = bench::dry(spheres.position, spheres.radius, domain, steps).map_err(failed)?;
+    let law = match arguments.law {
+        Law::Linear => bench::linear(),
+        Law::HertzMindlin => bench::hertz_mindlin(),
+    };
+    let cost = bench::dry(spheres.position, spheres.radius, domain, law, steps).map_err(failed)?;
     eprintln!(
-        "{:.1} ns per contact and step, {:.3e} s per step, {} grains, {} contacts",
-        cost.ns_per_contact_step, cost.seconds_per_step, cost.grains, cost.contacts
+        "{:.1} ns per contact and step, {:.3e} s per step, {} grains, {} contacts; neighbours anew {:.0} ns per grain",
+        cost.ns_per_contact_step,
+        cost.seconds_per_step,
+        cost.grains,
+        cost.contacts,
+        cost.rebuild_ns_per_grain
     );
+    if let Some(bytes) = cost.bytes_per_grain {
+        eprintln!("{bytes:.0} bytes of memory per grain");
+    }
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)
 }

@@ -71,6 +71,19 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
     ),
     ("solvers", &[("auto", "by size"), ("cholesky", "sparse factorisation"), ("cg", "conjugate gradients")]),
     (
+        "actions on trouble",
+        &[("ignore", "nothing"), ("warn", "say so, once in a stage"), ("stop", "say so and stop the run")],
+    ),
+    (
+        "signs of trouble",
+        &[
+            ("outside", "the centre of a grain leaves the box"),
+            ("deep-overlap", "a contact overlaps by half the smaller radius"),
+            ("long-step", "a fixed time step is longer than the stability limit"),
+            ("servo", "a servo wall is off its stress when its stage ends"),
+        ],
+    ),
+    (
         "signals",
         &[
             ("ramp", "from one value to another between two times"),

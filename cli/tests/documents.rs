@@ -71,6 +71,8 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("face.top.water.pressure={x=1}", true),
         ("stage.fall.until={x=1}", true),
         ("stage.fall.x=1", true),
+        ("on={x=1}", true),
+        ("on.outside=x", true),
     ] {
         let fine = root().join("bad/fine.toml");
         let (code, _, stderr) = porograin(&["check", fine.to_str().unwrap(), "--set", set]);

@@ -4,7 +4,7 @@ mod coupled;
 mod dry;
 
 pub use coupled::{BenchError, CoupledBench, coupled};
-pub use dry::{DryBench, dry, dry_model};
+pub use dry::{DryBench, dry, dry_model, grown, hertz_mindlin, linear};
 
 use crate::model::Model;
 use crate::state::State;

@@ -20,6 +20,7 @@ pub use stage::{StageTable, Until, Water as StageWater};
 use crate::boundary::{FACE_NAMES, Face, Slip, Solid, Water};
 use crate::contact::Law;
 use crate::model::{FluidModel, TimeStep};
+use crate::trouble::On;
 use crate::watch::Watch;
 use serde::{Deserialize, Serialize};
 use source::Source;
@@ -59,6 +60,9 @@ pub struct Case {
     pub fluid: Option<FluidModel>,
     /// What to do, in order.
     pub stage: Vec<StageTable>,
+    /// What to do about signs of trouble.
+    #[serde(default)]
+    pub on: On,
     /// What to write into `history.csv`.
     #[serde(default)]
     pub watch: Vec<Watch>,

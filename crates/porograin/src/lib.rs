@@ -23,6 +23,7 @@ pub mod stability;
 pub mod state;
 pub mod step;
 pub mod timers;
+pub mod trouble;
 pub mod watch;
 
 pub use boundary::{Domain, Face, Signal, Slip, Solid, Water};

@@ -1,6 +1,7 @@
 //! How far a run has come.
 
 use crate::consolidation::Consolidation;
+use crate::trouble::KINDS;
 use serde::{Deserialize, Serialize};
 
 /// Where in a case a simulation stands: with the [`State`], all that a restart needs.
@@ -14,6 +15,8 @@ pub struct Progress {
     pub done: Vec<Done>,
     /// The last stage that was to be compared with Terzaghi's theory, as seen so far.
     pub consolidation: Option<Consolidation>,
+    /// Which kinds of trouble were told in the stage.
+    pub told: [bool; KINDS],
 }
 
 /// How a stage began.

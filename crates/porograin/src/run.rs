@@ -11,8 +11,10 @@ use crate::output::report;
 use crate::output::summary::{Sample, StageSummary, Terzaghi};
 use crate::pores::PoreState;
 use crate::progress::{Began, Done, Progress};
+use crate::stability;
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
+use crate::trouble::{self, Action, Trouble};
 use crate::watch::Snapshot;
 use std::fmt;
 use std::io;
@@ -35,6 +37,8 @@ pub struct Simulation {
     /// How the stage of the last step began.
     began: Began,
     work: Work,
+    /// What the last step had to be told of.
+    news: Vec<Trouble>,
 }
 
 /// What a call to [`Simulation::advance`] did.
@@ -55,6 +59,13 @@ pub enum RunError {
         stage: String,
         /// What happened.
         error: StepError,
+    },
+    /// There was a sign of trouble at which the case asks to stop.
+    Trouble {
+        /// Name of the stage.
+        stage: String,
+        /// What it was.
+        trouble: Trouble,
     },
     /// A stage cannot be compared with Terzaghi's theory.
     Consolidation {
@@ -83,6 +94,7 @@ impl fmt::Display for RunError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             RunError::Step { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Trouble { stage, trouble } => write!(f, "in the stage `{stage}`, {trouble}"),
             RunError::Consolidation { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
             RunError::Endless { stage, why } => {
                 write!(f, "the stage `{stage}` did not come to its end: {why}")
@@ -113,7 +125,7 @@ impl Simulation {
         let model = stages[progress.stage.min(stages.len() - 1)].model.clone();
         let began = progress.began.unwrap_or_default();
         let model = Model { stage_start: began.time, ..model };
-        Simulation { state, progress, stages, model, began, work: Work::default() }
+        Simulation { state, progress, stages, model, began, work: Work::default(), news: Vec::new() }
     }
 
     /// The stage that is going on; `None` when all are done.
@@ -129,6 +141,11 @@ impl Simulation {
     /// What the current stage reads.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// The signs of trouble that the last step was the first of its stage to show.
+    pub fn news(&self) -> &[Trouble] {
+        &self.news
     }
 
     /// Scratch of the last step: loads, timers.
@@ -159,18 +176,43 @@ impl Simulation {
                     self.progress.consolidation = Some(consolidation);
                 }
                 self.progress.began = Some(began);
+                self.progress.told = Default::default();
                 self.began = began;
                 began
             }
         };
-        let report = step(&mut self.state, &self.model, &mut self.work)
-            .map_err(|error| RunError::Step { stage: stage.name.clone(), error })?;
+        let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
+        let report = match step(&mut self.state, &self.model, &mut self.work) {
+            Err(StepError::Outside { trouble, report }) => {
+                found.push(trouble);
+                *report
+            }
+            other => other.map_err(|error| RunError::Step { stage: stage.name.clone(), error })?,
+        };
+        if due {
+            trouble::look(&self.state, &self.model, &mut found);
+        }
         if stage.consolidation
             && let Some(consolidation) = &mut self.progress.consolidation
         {
             consolidation.watch(&self.state, &self.work.fluid);
         }
-        let Some(ended) = self.ended(stage, began)? else { return Ok(Some(Event::Step(report))) };
+        let ended = self.ended(stage, began)?;
+        if ended.is_some() {
+            trouble::servos(&self.state, &self.model, &mut found);
+        }
+        self.news.clear();
+        for trouble in found {
+            match trouble.action(&stage.on) {
+                Action::Stop => return Err(RunError::Trouble { stage: stage.name.clone(), trouble }),
+                Action::Warn if !self.progress.told[trouble.kind()] => {
+                    self.progress.told[trouble.kind()] = true;
+                    self.news.push(trouble);
+                }
+                Action::Warn | Action::Ignore => {}
+            }
+        }
+        let Some(ended) = ended else { return Ok(Some(Event::Step(report))) };
         self.progress.done.push(Done {
             name: stage.name.clone(),
             steps: self.state.step - began.step,
@@ -279,6 +321,8 @@ pub struct View<'a> {
     pub time: f64,
     /// What the last step did.
     pub report: &'a Report,
+    /// Signs of trouble, seen for the first time in the stage.
+    pub news: &'a [Trouble],
     /// How much of the stage is done, when it ends at a time or a number of steps.
     pub part: Option<f64>,
     /// Wall time until the end of the stage, when `part` tells.
@@ -342,6 +386,13 @@ pub fn run(
             report: &report,
         };
         folder.record(&now, end).map_err(unwritable)?;
+        for trouble in &simulation.news {
+            let warning = format!("in the stage `{}`, {trouble}", now.stage);
+            // A run that was killed and resumed may come by here twice.
+            if !folder.summary.warnings.contains(&warning) {
+                folder.summary.warnings.push(warning);
+            }
+        }
         show(&sitting.view(simulation, stage, &report));
         if end || saved.elapsed() >= options.checkpoint {
             let ended = if end { simulation.progress.done[stage].ended.clone() } else { "running".into() };
@@ -407,6 +458,7 @@ impl Sitting {
             step,
             time,
             report,
+            news: &simulation.news,
             part,
             left,
         }

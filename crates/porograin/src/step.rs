@@ -1,6 +1,5 @@
 //! The whole time step on one page.
 
-use crate::boundary::FACE_NAMES;
 use crate::contact::{self, Surroundings};
 use crate::fluid;
 use crate::grains::Loads;
@@ -10,6 +9,7 @@ use crate::motion;
 use crate::stability::{self, Limit};
 use crate::state::State;
 use crate::timers::Timers;
+use crate::trouble::Trouble;
 use glam::DVec3;
 use porograin_geometry::Neighbours;
 use std::fmt;
@@ -79,24 +79,25 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
 
     // Move.
     motion::advance(state, model, loads, water.felt(loads), dt);
-    inside(state)?;
+    let report = Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed };
+    let report = inside(state, report)?;
     timers.lap("motion");
-    Ok(Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed })
+    Ok(report)
 }
 
 /// Refuses a state with a grain whose centre has left the box, or is nowhere at all, naming the first.
-fn inside(state: &State) -> Result<(), StepError> {
+fn inside(state: &State, report: Report) -> Result<Report, StepError> {
     let (lower, upper) = (state.domain.cell.origin, state.domain.cell.upper());
     // A comparison with NaN is false, so one test finds both.
     let sound = |x: &DVec3| lower.cmple(*x).all() && x.cmple(upper).all();
-    let Some(k) = state.grains.position.iter().position(|x| !sound(x)) else { return Ok(()) };
+    let Some(k) = state.grains.position.iter().position(|x| !sound(x)) else { return Ok(report) };
     let (grain, time, x) = (state.grains.id[k], state.time, state.grains.position[k]);
     if !(x.is_finite() && lower.is_finite() && upper.is_finite()) {
         return Err(StepError::NotFinite { grain, time });
     }
     let beyond = [lower.x - x.x, x.x - upper.x, lower.y - x.y, x.y - upper.y, lower.z - x.z, x.z - upper.z];
     let face = (0..6).max_by(|&a, &b| beyond[a].total_cmp(&beyond[b])).unwrap_or(0);
-    Err(StepError::Outside { grain, time, face })
+    Err(StepError::Outside { trouble: Trouble::Outside { grain, face, time }, report: Box::new(report) })
 }
 
 /// Why a step could not be done. Grains are named by their [id](crate::Grains::id).
@@ -109,14 +110,12 @@ pub enum StepError {
         /// [s]
         time: f64,
     },
-    /// The centre of a grain has left the box.
+    /// The centre of a grain has left the box. The step is whole, and whoever can do without that grain may go on.
     Outside {
-        /// The first such grain.
-        grain: u32,
-        /// [s]
-        time: f64,
-        /// The face it passed.
-        face: usize,
+        /// Which grain, where and when.
+        trouble: Trouble,
+        /// What the step did.
+        report: Box<Report>,
     },
     /// The water cannot be computed.
     Fluid(String),
@@ -130,12 +129,7 @@ impl fmt::Display for StepError {
                 "the position of grain {grain} is not a number any more at t = {time:.6e} s: the time step is too long, \
                  or grains overlapped deeply at the start"
             ),
-            StepError::Outside { grain, time, face } => write!(
-                f,
-                "the centre of grain {grain} passed through the {} face at t = {time:.6e} s: the wall or the grain moves \
-                 too fast for the contact stiffness, the time step is too long, or grains overlapped deeply at the start",
-                FACE_NAMES[*face]
-            ),
+            StepError::Outside { trouble, .. } => trouble.fmt(f),
             StepError::Fluid(why) => f.write_str(why),
         }
     }

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use porograin::contact::{Contacts, Law, Linear};
+use porograin::trouble::Trouble;
 use porograin::{Domain, Face, Grains, Model, Signal, Solid, State, StepError, TimeStep, Work, step};
 
 fn model(stiffness_ratio: f64, friction: f64) -> Model {
@@ -322,7 +323,8 @@ fn an_escaping_grain_and_a_nan_are_named() {
     grains.velocity[1] = DVec3::new(0.0, 1e6, 0.0);
     let mut escaping = state(grains.clone(), 1.0);
     let failure = step(&mut escaping, &model(0.5, 30.0), &mut Work::default()).unwrap_err();
-    assert!(matches!(failure, StepError::Outside { grain: 11, face: 3, .. }), "{failure:?}");
+    let StepError::Outside { trouble, .. } = &failure else { panic!("{failure:?}") };
+    assert!(matches!(trouble, Trouble::Outside { grain: 11, face: 3, .. }), "{failure:?}");
     assert!(failure.to_string().contains("grain 11 passed through the back face at t = "));
 
     grains.velocity[1].y = f64::NAN;

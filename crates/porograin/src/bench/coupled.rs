@@ -4,6 +4,7 @@ use super::{DENSITY, dry, timed};
 use crate::boundary::{Domain, Signal, Slip, Solid, Water};
 use crate::measure::wall_stress;
 use crate::model::{Flow, FluidModel, Model};
+use crate::packing::CloudError;
 use crate::permeability::{PermeabilityError, Problem, measure};
 use crate::pores::{Conductance, Pores, Remesh, Solver, Stepping};
 use crate::state::State;
@@ -75,6 +76,8 @@ fn name<S: serde::Serializer>(method: &Method, serializer: S) -> Result<S::Ok, S
 pub enum BenchError {
     /// The permeability that the viscosity is chosen by.
     Permeability(PermeabilityError),
+    /// A cloud of grains.
+    Cloud(CloudError),
     /// A step.
     Step(StepError),
 }
@@ -83,12 +86,19 @@ impl fmt::Display for BenchError {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             BenchError::Permeability(error) => error.fmt(f),
+            BenchError::Cloud(error) => error.fmt(f),
             BenchError::Step(error) => error.fmt(f),
         }
     }
 }
 
 impl std::error::Error for BenchError {}
+
+impl From<CloudError> for BenchError {
+    fn from(error: CloudError) -> Self {
+        BenchError::Cloud(error)
+    }
+}
 
 impl From<StepError> for BenchError {
     fn from(error: StepError) -> Self {
@@ -114,7 +124,7 @@ pub fn coupled(
 }
 
 fn consolidate(state: &mut State, steps: usize, viscosity: Option<f64>) -> Result<CoupledBench, BenchError> {
-    let held = dry::hold(state, steps)?;
+    let held = dry::hold(state, dry::linear(), steps)?;
     let permeability = permeability(state).map_err(BenchError::Permeability)?;
     let viscosity = viscosity.unwrap_or(VISCOUS_NUMBER * permeability * DENSITY / state.dt);
     let model = model(wall_stress(&state.domain)[5] + LOAD, viscosity);

@@ -1,14 +1,18 @@
 //! The cost of the step without water.
 
-use super::{DENSITY, timed};
+use super::{BenchError, DENSITY, timed};
 use crate::boundary::{Domain, Face};
-use crate::contact::{Contacts, Law, Linear};
+use crate::contact::{Contacts, HertzMindlin, Law, Linear};
 use crate::grains::Grains;
+use crate::import::Spheres;
 use crate::model::{Model, TimeStep};
+use crate::packing;
 use crate::state::State;
-use crate::step::StepError;
+use crate::step::{StepError, Work, step};
 use glam::DVec3;
+use porograin_geometry::{Cell, Neighbours};
 use serde::Serialize;
+use std::time::Instant;
 
 /// The cost of the dry step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -25,8 +29,22 @@ pub struct DryBench {
     pub grain_steps_per_second: f64,
     /// Median time of a step [s].
     pub seconds_per_step: f64,
+    /// Shortest time of a new list of neighbours, per grain [ns].
+    pub rebuild_ns_per_grain: f64,
+    /// Memory of the process at rest in the steps, less what it had before the grains, per grain; where the system tells.
+    pub bytes_per_grain: Option<f64>,
     /// Share of each phase, by the names of the step's page.
     pub phases: Vec<(&'static str, f64)>,
+}
+
+/// The linear law of the benchmarks.
+pub fn linear() -> Law {
+    Law::Linear(Linear::new(15e6, 0.5, 30.0))
+}
+
+/// Elastic spheres that are about as stiff as those of [`linear`] in the packings of the benchmark.
+pub fn hertz_mindlin() -> Law {
+    Law::HertzMindlin(HertzMindlin::new(1e9, 0.2, 30.0))
 }
 
 /// The model of the dry benchmark: walls fixed and frictionless, E = 15 MPa, k_t/k_n = 0.5, 30° between grains,
@@ -35,7 +53,7 @@ pub fn dry_model() -> Model {
     Model {
         time_step: TimeStep::Automatic { safety: 0.8 },
         gravity: DVec3::ZERO,
-        contact: Law::Linear(Linear::new(15e6, 0.5, 30.0)).into(),
+        contact: linear().into(),
         damping: 0.2,
         faces: std::array::from_fn(|_| Face::default()),
         fluid: None,
@@ -57,22 +75,84 @@ pub fn dry(
     position: Vec<DVec3>,
     radius: Vec<f64>,
     domain: Domain,
+    law: Law,
     steps: usize,
 ) -> Result<DryBench, StepError> {
+    let before = resident();
     // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
-    rayon::scope(|_| hold(&mut at_rest(position, radius, domain), steps))
+    let mut bench = rayon::scope(|_| hold(&mut at_rest(position, radius, domain), law, steps))?;
+    // The grains given, 32 bytes each, are gone by the time the steps are done.
+    let grains = bench.grains as f64;
+    bench.bytes_per_grain =
+        bench.bytes_per_grain.zip(before).map(|(now, before)| (now - before) / grains + 32.0);
+    Ok(bench)
 }
 
 /// Times the dry step of a state.
-pub(super) fn hold(state: &mut State, steps: usize) -> Result<DryBench, StepError> {
-    let timed = timed(state, &dry_model(), steps)?;
+pub(super) fn hold(state: &mut State, law: Law, steps: usize) -> Result<DryBench, StepError> {
+    let model = Model { contact: law.into(), ..dry_model() };
+    let timed = timed(state, &model, steps)?;
+    let grains = &state.grains;
+    let bytes_per_grain = resident();
+    // A list is made anew as soon as the number of grains has changed.
+    let (cell, mut near, mut rebuild) = (&state.domain.cell, Neighbours::default(), f64::INFINITY);
+    for _ in 0..REBUILDS {
+        near.refresh(cell, &grains.position[1..], &grains.radius[1..], 0.0);
+        let start = Instant::now();
+        near.refresh(cell, &grains.position, &grains.radius, 0.0);
+        rebuild = rebuild.min(start.elapsed().as_secs_f64());
+    }
     Ok(DryBench {
-        grains: state.grains.len(),
+        grains: grains.len(),
         contacts: state.contacts.len(),
         steps: timed.reports.len(),
         ns_per_contact_step: 1e9 * timed.seconds_per_step / state.contacts.len().max(1) as f64,
-        grain_steps_per_second: state.grains.len() as f64 / timed.seconds_per_step,
+        grain_steps_per_second: grains.len() as f64 / timed.seconds_per_step,
         seconds_per_step: timed.seconds_per_step,
+        rebuild_ns_per_grain: 1e9 * rebuild / grains.len() as f64,
+        bytes_per_grain,
         phases: timed.phases,
+    })
+}
+
+/// New lists of neighbours timed.
+const REBUILDS: usize = 5;
+
+/// Memory of this process [bytes], where the system tells.
+fn resident() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.trim().strip_suffix(" kB")?.parse().ok().map(|kilobytes: f64| 1024.0 * kilobytes)
+}
+
+/// Steps over which a cloud grows, and over which it then comes to rest.
+const GROWTH: [usize; 2] = [500, 300];
+/// Solid part of the box a cloud grows to: a little less than grains of one size fill at random.
+const SOLID: f64 = 0.63;
+
+/// A dense packing of `count` grains of 1 mm mean radius or so: a cloud whose grains grow, strongly damped and without friction.
+///
+/// # Errors
+/// When there is no room for the cloud, or a step fails.
+pub fn grown(count: usize) -> Result<(Cell, Spheres), BenchError> {
+    rayon::scope(|_| {
+        let size = 1e-3 * (4.0 / 3.0 * std::f64::consts::PI * count as f64 / SOLID).cbrt();
+        let domain = Domain::walled(DVec3::ZERO, DVec3::splat(size));
+        let grains = packing::cloud(&domain.cell, count, 0.2, 7, 0.75, DENSITY)?;
+        let mut state =
+            State { time: 0.0, step: 0, dt: 0.0, domain, grains, contacts: Contacts::default(), fluid: None };
+        let mut model = Model { damping: 0.7, ..dry_model() };
+        model.contact.set_friction(0.0);
+        let factor = (SOLID / 0.25).powf(1.0 / (3.0 * GROWTH[0] as f64));
+        let mut work = Work::default();
+        for k in 0..GROWTH[0] + GROWTH[1] {
+            if k < GROWTH[0] {
+                packing::grow(&mut state, factor);
+            }
+            step(&mut state, &model, &mut work)?;
+        }
+        let State { grains, domain, .. } = state;
+        let line = (1..=count).collect();
+        Ok((domain.cell, Spheres { position: grains.position, radius: grains.radius, line }))
     })
 }

@@ -8,6 +8,7 @@ use crate::import;
 use crate::model::Model;
 use crate::packing;
 use crate::state::State;
+use crate::trouble::On;
 use glam::DVec3;
 use porograin_geometry::Cell;
 
@@ -32,6 +33,8 @@ pub struct Stage {
     pub model: Model,
     /// When it ends.
     pub until: Until,
+    /// What to do about signs of trouble.
+    pub on: On,
     /// Whether to compare it with Terzaghi's theory.
     pub consolidation: bool,
 }
@@ -105,6 +108,7 @@ impl Case {
             name: stage.name.clone(),
             model: self.model(k, 0.0),
             until: stage.until.clone(),
+            on: stage.on.unwrap_or(self.on),
             consolidation: stage.consolidation,
         };
         self.stage.iter().enumerate().map(complete).collect()

@@ -3,6 +3,7 @@
 use super::FaceTable;
 use crate::contact::Law;
 use crate::model::{Flow, TimeStep};
+use crate::trouble::On;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +30,8 @@ pub struct StageTable {
     pub time_step: Option<TimeStep>,
     /// `false`: dry. A table: other properties of the water.
     pub fluid: Option<Water>,
+    /// Another choice of what to do about signs of trouble.
+    pub on: Option<On>,
     /// Whether to compare the stage with Terzaghi's theory of consolidation.
     #[serde(default)]
     pub consolidation: bool,

@@ -1,0 +1,94 @@
+//! Signs of trouble are noticed, named, and heeded as the case asks.
+
+use porograin::case::Case;
+use porograin::run::{RunError, Simulation};
+use porograin::trouble::{Other, Trouble};
+use std::path::Path;
+
+/// One grain between two walls, of which the top does what `top` says.
+fn squeezed(top: &str, until: &str, more: &str) -> Simulation {
+    let text = format!(
+        r#"
+title = "One grain in a box"
+{more}
+[domain]
+size = [0.02, 0.02, 0.02]
+[grains]
+packing = {{ lattice = {{ count = [1, 1, 1], radius = 0.01 }} }}
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 20.0
+[face.top]
+solid = {top}
+[[stage]]
+name = "squeeze"
+until = {until}
+"#
+    );
+    let case = Case::from_text("case.toml", &text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}"));
+    Simulation::new(&case).unwrap()
+}
+
+/// All that is told until the end, or the error.
+fn told(mut simulation: Simulation) -> Result<Vec<Trouble>, RunError> {
+    let mut all = Vec::new();
+    while simulation.advance()?.is_some() {
+        all.extend_from_slice(simulation.news());
+    }
+    Ok(all)
+}
+
+const DOWN: &str = "{ moving = { velocity = [0.0, 0.0, -1.0] } }";
+
+#[test]
+fn deep_overlaps_are_told_once() {
+    let run =
+        |on: &str| told(squeezed(DOWN, "{ time = 0.013 }", &format!("time-step = {{ fixed = 1e-5 }}\n{on}")));
+    let all = run("").unwrap();
+    let [Trouble::DeepOverlap { grain: 0, other: Other::Wall(_), part, time }] = all[..] else {
+        panic!("{all:?}")
+    };
+    // Both walls share what the box has lost, so that the half radius is reached at 10 ms.
+    assert!((0.5..0.6).contains(&part) && (0.01..0.013).contains(&time), "{part} {time}");
+    let text = all[0].to_string();
+    assert!(text.starts_with("grain 0 overlaps the ") && text.contains("too soft"), "{text}");
+    assert_eq!(run("on = { deep-overlap = \"ignore\" }").unwrap(), []);
+    let stopped = run("on = { deep-overlap = \"stop\" }").unwrap_err();
+    assert!(matches!(&stopped, RunError::Trouble { trouble: Trouble::DeepOverlap { .. }, .. }));
+    assert!(stopped.to_string().starts_with("in the stage `squeeze`, grain 0 overlaps"), "{stopped}");
+}
+
+#[test]
+fn a_grain_outside_stops_the_run_unless_the_case_can_do_without() {
+    let fast = "{ moving = { velocity = [0.0, 0.0, -500.0] } }";
+    let run =
+        |on: &str| told(squeezed(fast, "{ time = 3e-5 }", &format!("time-step = {{ fixed = 1e-6 }}\n{on}")));
+    let stopped = run("").unwrap_err().to_string();
+    assert!(stopped.contains("the centre of grain 0 passed through the top face at t = "), "{stopped}");
+    let all = run("on = { outside = \"warn\", deep-overlap = \"ignore\" }").unwrap();
+    assert!(matches!(all[..], [Trouble::Outside { grain: 0, face: 5, .. }]), "{all:?}");
+}
+
+#[test]
+fn a_fixed_step_beyond_the_limit_is_told_with_the_limit() {
+    let run = |step: f64| {
+        told(squeezed("\"fixed\"", "{ steps = 3 }", &format!("time-step = {{ fixed = {step:e} }}"))).unwrap()
+    };
+    let all = run(1.0);
+    let [Trouble::LongStep { step: 1.0, limit, .. }] = all[..] else { panic!("{all:?}") };
+    assert!(run(0.99 * limit.seconds).is_empty());
+    assert_eq!(run(1.01 * limit.seconds).len(), 1);
+}
+
+#[test]
+fn a_servo_off_its_stress_at_the_end_is_told() {
+    let servo = "{ servo = { stress = 100.0 } }";
+    let all = told(squeezed(servo, "{ steps = 5 }", "")).unwrap();
+    let [Trouble::Servo { face: 5, asked: 100.0, stress, .. }] = all[..] else { panic!("{all:?}") };
+    assert!(stress < 90.0);
+    let all =
+        told(squeezed(servo, "{ stress-error = 0.01, unbalanced = 0.01, max-steps = 100000 }", "")).unwrap();
+    assert_eq!(all, []);
+}
