@@ -32,11 +32,11 @@ impl Bar {
 
     /// Shows `view`, if it is time to.
     pub fn show(&mut self, view: &View) {
-        for trouble in view.news {
-            self.say(&format!("warning: in the stage `{}`, {trouble}", view.name));
-        }
         if self.quiet {
             return;
+        }
+        for trouble in view.news {
+            self.say(&format!("warning: in the stage `{}`, {trouble}", view.name));
         }
         let new = self.stage != Some(view.stage);
         let every = if self.bar.is_some() { DRAW_EVERY } else { LINE_EVERY };
