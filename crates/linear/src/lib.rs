@@ -20,6 +20,7 @@
 mod aggregate;
 mod cholesky;
 mod conjugate_gradients;
+mod eight;
 mod error;
 mod gauss_seidel;
 mod matrix;
