@@ -178,6 +178,9 @@ pub struct Bench {
     /// Dynamic viscosity [Pa s]; by default such that dt mu / (k rho) = 0.2.
     #[arg(long, value_name = "MU", value_parser = positive)]
     pub viscosity: Option<f64>,
+    /// Relative residual of the pressure solve of `coupled`; by default that of a case.
+    #[arg(long, value_name = "R", value_parser = positive)]
+    pub residual: Option<f64>,
     /// Threads.
     #[arg(long, value_name = "N", value_parser = at_least_one, default_value = "1")]
     pub threads: usize,

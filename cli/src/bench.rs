@@ -58,7 +58,8 @@ fn dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
 fn coupled(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     let domain = Domain::walled(cell.origin, cell.upper());
     let steps = arguments.steps.unwrap_or(STEPS) as usize;
-    let cost = bench::coupled(spheres.position, spheres.radius, domain, steps, arguments.viscosity)
+    let Bench { viscosity, residual, .. } = *arguments;
+    let cost = bench::coupled(spheres.position, spheres.radius, domain, steps, viscosity, residual)
         .map_err(failed)?;
     eprintln!(
         "{:.3e} s per step, {:.1} dry steps; {} grains, {} contacts, {} pores\n\

@@ -62,8 +62,6 @@ pub struct CoupledBench {
 const LOAD: f64 = 1e3;
 /// `dt mu / (k rho)` unless a viscosity is given, dt the length of a dry step and rho the density of the grains.
 const VISCOUS_NUMBER: f64 = 0.2;
-/// Relative residual of the pressure solve.
-const RESIDUAL: f64 = 1e-6;
 /// The conductance: that of the thesis and of the codes to compare with.
 const CONDUCTANCE: Conductance = Conductance::HydraulicRadius;
 
@@ -109,7 +107,7 @@ impl From<StepError> for BenchError {
 /// Consolidates a packing (centres and radii [m], in any order): it is held dry first, which gives the cost of the dry
 /// step and the stress at the top; then water fills it, the top becomes a servo with 1 kPa more, the other walls
 /// stay fixed, top and bottom are drained, the sides are mirrors, and the mesh is kept. `steps` steps are
-/// timed after a tenth as many to warm up.
+/// timed after a tenth as many to warm up. The relative `residual` of the pressure solve is that of a case unless given.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -119,15 +117,22 @@ pub fn coupled(
     domain: Domain,
     steps: usize,
     viscosity: Option<f64>,
+    residual: Option<f64>,
 ) -> Result<CoupledBench, BenchError> {
-    rayon::scope(|_| consolidate(&mut dry::at_rest(position, radius, domain), steps, viscosity))
+    rayon::scope(|_| consolidate(&mut dry::at_rest(position, radius, domain), steps, viscosity, residual))
 }
 
-fn consolidate(state: &mut State, steps: usize, viscosity: Option<f64>) -> Result<CoupledBench, BenchError> {
+fn consolidate(
+    state: &mut State,
+    steps: usize,
+    viscosity: Option<f64>,
+    residual: Option<f64>,
+) -> Result<CoupledBench, BenchError> {
     let held = dry::hold(state, dry::linear(), steps)?;
     let permeability = permeability(state).map_err(BenchError::Permeability)?;
     let viscosity = viscosity.unwrap_or(VISCOUS_NUMBER * permeability * DENSITY / state.dt);
-    let model = model(wall_stress(&state.domain)[5] + LOAD, viscosity);
+    let residual = residual.unwrap_or(Pores::default().residual);
+    let model = model(wall_stress(&state.domain)[5] + LOAD, viscosity, residual);
     state.grains.velocity.fill(DVec3::ZERO);
     state.grains.spin.fill(DVec3::ZERO);
     state.dt = 0.0;
@@ -147,7 +152,7 @@ fn consolidate(state: &mut State, steps: usize, viscosity: Option<f64>) -> Resul
         iterations_per_step: water.iter().map(|w| w.iterations as f64).sum::<f64>()
             / water.len().max(1) as f64,
         solver: timed.work.fluid.setup().map_or(Method::Auto, |setup| setup.method),
-        residual: RESIDUAL,
+        residual,
         conductance: CONDUCTANCE,
         viscosity,
         permeability,
@@ -168,13 +173,13 @@ fn permeability(state: &State) -> Result<f64, PermeabilityError> {
         viscosity: 1.0,
         conductance: CONDUCTANCE,
         solver: Solver::Auto,
-        residual: RESIDUAL,
+        residual: 1e-6,
     };
     Ok(measure(&state.domain.cell, &state.grains.position, &state.grains.radius, &problem)?.permeability)
 }
 
 /// The dry model with water, a servo of `stress` [Pa] on top, and the grains not damped by anything but the water.
-fn model(stress: f64, viscosity: f64) -> Model {
+fn model(stress: f64, viscosity: f64, residual: f64) -> Model {
     let mut model = dry::dry_model();
     model.damping = 0.0;
     model.faces[5].solid = Solid::Servo { stress: Signal::Constant(stress), mass: None, speed: None };
@@ -184,7 +189,7 @@ fn model(stress: f64, viscosity: f64) -> Model {
     let pores = Pores {
         conductance: CONDUCTANCE,
         remesh: Remesh { strain: f64::INFINITY },
-        residual: RESIDUAL,
+        residual,
         solver: Solver::Auto,
         step: Stepping::Explicit,
         ..Pores::default()
