@@ -160,14 +160,14 @@ fn renew(
         viscous_rate: 0.0,
         implicit: None,
         pressure: Vec::new(),
-        before: Vec::new(),
+        before: Default::default(),
     }));
     make(state, recipe, pores, scratch, true)?;
     let (Some(Fluid::Pores(water)), Some(made)) = (&mut state.fluid, &mut scratch.made) else {
         return Ok(());
     };
     water.pressure = vec![0.0; made.mesh.nodes()];
-    water.before = water.pressure.clone();
+    water.before.fill(water.pressure.clone());
     let pistons = pistons(model, &state.grains);
     water.viscous_rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons)
         .map_err(|error| cannot_solve(error, &made.mesh, &state.grains))?;
@@ -263,10 +263,12 @@ pub fn advance(
     }
     let State { grains, domain, fluid: Some(Fluid::Pores(water)), .. } = state else { return Ok(None) };
     // Pressures vary smoothly from step to step: start from where they were heading.
-    for (now, before) in water.pressure.iter_mut().zip(&mut water.before) {
-        let ahead = 2.0 * *now - *before;
-        *before = *now;
-        *now = ahead;
+    // Implicit steps are too long for more than a straight line.
+    let bend = if water.implicit.is_some() { 0.0 } else { 1.0 };
+    let [before, earlier] = &mut water.before;
+    for ((now, before), earlier) in water.pressure.iter_mut().zip(before).zip(earlier) {
+        let ahead = 2.0 * *now - *before + bend * (*now - 2.0 * *before + *earlier);
+        (*earlier, *before, *now) = (*before, *now, ahead);
     }
     let time = state.time - model.stage_start;
     let held = std::array::from_fn(|face| match &model.faces[face].water {

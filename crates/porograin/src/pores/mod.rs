@@ -144,8 +144,8 @@ pub struct PoreState {
     pub implicit: Option<Memory>,
     /// Excess pressure of each node [Pa].
     pub pressure: Vec<f64>,
-    /// The same one step before [Pa].
-    pub before: Vec<f64>,
+    /// The same one and two steps before [Pa]: where the next solve starts from.
+    pub before: [Vec<f64>; 2],
 }
 
 impl PoreState {
