@@ -111,6 +111,21 @@ fn report(folder: &Folder) {
             shares.join(", ")
         );
     }
+    if let Some(water) = &folder.summary.budget {
+        eprintln!(
+            "       water: {:.1} iterations per step; flux left over {:.0e}, force sum {:.0e}, work less dissipation \
+             {:.0e}, mass drift {:.0e}",
+            water.iterations as f64 / water.steps as f64,
+            water.flux,
+            water.force,
+            water.power,
+            water.mass_drift
+        );
+        eprintln!(
+            "              {} meshes made for their strain, {} for new rules; {} pores merged, {} throats closed",
+            water.meshes_for_strain, water.meshes_for_rules, water.merged, water.closed
+        );
+    }
     for warning in &folder.summary.warnings {
         eprintln!("warning: {warning}");
     }

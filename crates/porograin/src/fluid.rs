@@ -1,6 +1,7 @@
 //! The water: it follows the grains, feels how they move, and loads them.
 
 use crate::boundary::{Slip, Water};
+use crate::budget::{self, Audit};
 use crate::darcy::{self, GridState};
 use crate::grains::{Grains, Loads};
 use crate::model::{Flow, FluidModel, Model};
@@ -92,6 +93,8 @@ pub struct Report {
     pub residual: f64,
     /// Whether the step was implicit.
     pub implicit: bool,
+    /// What must balance, at the steps that look at it.
+    pub audit: Option<Audit>,
 }
 
 /// Sees to it that the mesh belongs to the grains: makes the first one, makes a new one when a pore has deformed
@@ -286,7 +289,12 @@ pub fn advance(
     }
     .map_err(|error| cannot_solve(error, mesh, grains))?;
     let implicit = water.implicit.is_some();
-    Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit }))
+    let audit = state.step.is_multiple_of(budget::EVERY).then(|| {
+        let carried = if implicit { foreseen.carried(mesh, grains, pressure) } else { carried };
+        let void = mesh.volume.iter().sum::<f64>() - grains.volume();
+        Audit::of(mesh, carried, pressure, grains.len(), void)
+    });
+    Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit, audit }))
 }
 
 /// Adds buoyancy, `-rho_f g V`.

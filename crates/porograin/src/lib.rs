@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod boundary;
+pub mod budget;
 pub mod case;
 pub mod consolidation;
 pub mod contact;

@@ -1,5 +1,6 @@
 //! How far a run has come.
 
+use crate::budget::Budget;
 use crate::consolidation::Consolidation;
 use crate::trouble::KINDS;
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,8 @@ pub struct Progress {
     pub consolidation: Option<Consolidation>,
     /// Which kinds of trouble were told in the stage.
     pub told: [bool; KINDS],
+    /// What must balance about the water, over all stages.
+    pub budget: Budget,
 }
 
 /// How a stage began.

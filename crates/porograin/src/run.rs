@@ -1,6 +1,7 @@
 //! The outer loop: stages in order, each until its end, and the files it leaves behind.
 
 use crate::boundary::{FACE_NAMES, Solid};
+use crate::budget::{Cause, Unbalanced};
 use crate::case::{Case, CaseError, Plan, Stage, reason};
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::darcy::Census;
@@ -74,6 +75,13 @@ pub enum RunError {
         /// What happened.
         error: ConsolidationError,
     },
+    /// The water does not balance any more.
+    Budget {
+        /// Name of the stage.
+        stage: String,
+        /// What is off.
+        error: Unbalanced,
+    },
     /// A stage did not reach its end in time.
     Endless {
         /// Name of the stage.
@@ -96,6 +104,7 @@ impl fmt::Display for RunError {
             RunError::Step { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
             RunError::Trouble { stage, trouble } => write!(f, "in the stage `{stage}`, {trouble}"),
             RunError::Consolidation { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Budget { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
             RunError::Endless { stage, why } => {
                 write!(f, "the stage `{stage}` did not come to its end: {why}")
             }
@@ -191,6 +200,14 @@ impl Simulation {
         };
         if due {
             trouble::look(&self.state, &self.model, &mut found);
+        }
+        if let (Some(water), Some(mesh)) = (&report.water, self.work.fluid.mesh()) {
+            let new = self.state.pores().is_some_and(|water| water.made_at_step + 1 == self.state.step);
+            let cause = if report.remeshed.is_some() { Cause::Strain } else { Cause::Rules };
+            self.progress
+                .budget
+                .add(water, mesh, new.then_some(cause), report.dt)
+                .map_err(|error| RunError::Budget { stage: stage.name.clone(), error })?;
         }
         if stage.consolidation
             && let Some(consolidation) = &mut self.progress.consolidation
@@ -468,6 +485,8 @@ impl Sitting {
 /// What is known of the sample and of its consolidation so far, into the summary and the picture.
 fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError> {
     folder.summary.sample = sample(simulation, &folder.summary.sample);
+    let budget = simulation.progress.budget;
+    folder.summary.budget = (budget.steps > 0).then_some(budget);
     if let Some(census) = folder.summary.sample.grid {
         folder.summary.warnings.retain(|warning| !Census::wrote(warning));
         folder.summary.warnings.extend(census.warning());

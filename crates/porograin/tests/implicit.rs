@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 use porograin::boundary::{Face, Signal, Solid, Water};
+use porograin::budget::{Audit, Budget, Unbalanced};
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::pores::mesh::Carried;
 use porograin::pores::{Coupling, Pores, Stepping};
@@ -243,4 +244,42 @@ fn the_same_bits_on_any_number_of_threads_and_without_scratch() {
     assert!(meshes > 0, "the run should make a new mesh on its way");
     assert!(one == run(2, 1000).0);
     assert!(one == run(2, 7).0);
+}
+
+#[test]
+fn the_budget_balances_and_notices_what_does_not() {
+    let (start, mut model) = pressed(150);
+    let audit = |model: &Model, steps: u64| {
+        let (mut state, mut work, mut budget) = (start.clone(), Work::default(), Budget::default());
+        state.step = 0;
+        for _ in 0..steps {
+            let report = step(&mut state, model, &mut work).unwrap();
+            budget.add(&report.water.unwrap(), work.fluid.mesh().unwrap(), None, report.dt)?;
+        }
+        Ok::<_, Unbalanced>((budget, state, work))
+    };
+    model.fluid = water(8.0, Stepping::Explicit);
+    let (explicit, ..) = audit(&model, 301).unwrap();
+    assert_eq!(explicit.audits, 4);
+    assert!(
+        explicit.flux < 1e-6 && explicit.power < 1e-6 && explicit.mass_drift.abs() < 1e-9,
+        "{explicit:?}"
+    );
+    model.fluid = water(8.0, Stepping::Implicit);
+    let (implicit, state, work) = audit(&model, 301).unwrap();
+    assert!(implicit.flux < 1e-2 && implicit.power < 1e-2 && implicit.force < 1e-12, "{implicit:?}");
+    assert!(implicit.mass_drift.abs() < 1e-6 && implicit.iterations > 301, "{implicit:?}");
+    // Pressures a little wrong are seen at once, ...
+    let (mesh, mut carried) = (work.fluid.mesh().unwrap(), Carried::default());
+    let State { grains, domain, .. } = &state;
+    mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut carried);
+    let wrong: Vec<f64> = state.pores().unwrap().pressure.iter().map(|p| 1.5 * p).collect();
+    let seen = Audit::of(mesh, &carried, &wrong, grains.len(), 1.0);
+    assert!(seen.flux > 0.05 && seen.power > 0.05 && seen.force < 1e-12, "{seen:?}");
+    // ... and a careless solve stops the run.
+    let pores = Pores { step: Stepping::Implicit, implicit_residual: 0.5, ..Pores::default() };
+    model.fluid = water(800.0, Stepping::Implicit);
+    model.fluid.as_mut().unwrap().flow = Flow::Pores(pores);
+    let error = audit(&model, 301).map(|_| ()).unwrap_err();
+    assert!(error.to_string().starts_with("the budget of the water is off"), "{error}");
 }

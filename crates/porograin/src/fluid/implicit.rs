@@ -111,4 +111,17 @@ impl Foreseen {
             }
         }
     }
+
+    /// What moves out of the nodes with the velocities that the pressures just found lead to.
+    pub fn carried(&mut self, mesh: &Mesh, grains: &Grains, pressure: &[f64]) -> &Carried {
+        let Foreseen { velocities, walls, pushed, kick, carried, room, .. } = self;
+        let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6] };
+        let held = |face: usize| velocities.wall[face].length() >= walls[face].limit;
+        for face in (0..6).filter(|&face| pushed[face] && !held(face)) {
+            mobility.wall[face] = walls[face].mobility;
+        }
+        room.push_free(mesh, &mobility, pressure, velocities);
+        mesh.carried(&velocities.grain, &velocities.spin, &velocities.wall, carried);
+        carried
+    }
 }

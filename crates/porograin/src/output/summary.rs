@@ -1,5 +1,6 @@
 //! `summary.json`: what a run did and what it found.
 
+use crate::budget::Budget;
 use crate::consolidation::{Comparison, Consolidation, Point};
 use crate::darcy::Census;
 use crate::pores::Stepping;
@@ -24,6 +25,9 @@ pub struct Summary {
     /// Comparison with Terzaghi's theory, where a stage asked for it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terzaghi: Option<Terzaghi>,
+    /// What must balance about the water pore by pore: the worst seen, and the meshes made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<Budget>,
     /// What a user should know before trusting the numbers.
     #[serde(default)]
     pub warnings: Vec<String>,

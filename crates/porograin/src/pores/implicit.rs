@@ -69,9 +69,24 @@ pub struct Room {
 impl Room {
     /// Adds `k M⁻¹ S p` of the held pressures alone to the velocities.
     pub fn push_held(&mut self, mesh: &Mesh, mobility: &Mobility, pressure: &[f64], out: &mut Velocities) {
+        self.push(mesh, mobility, pressure, |node| mesh.unknown[node] == FIXED, out);
+    }
+
+    /// Adds `k M⁻¹ S p` of the free pressures alone to the velocities.
+    pub fn push_free(&mut self, mesh: &Mesh, mobility: &Mobility, pressure: &[f64], out: &mut Velocities) {
+        self.push(mesh, mobility, pressure, |node| mesh.unknown[node] != FIXED, out);
+    }
+
+    fn push(
+        &mut self,
+        mesh: &Mesh,
+        mobility: &Mobility,
+        pressure: &[f64],
+        of: impl Fn(usize) -> bool,
+        out: &mut Velocities,
+    ) {
         self.pressure.clear();
-        let held = |(node, &p): (usize, &f64)| if mesh.unknown[node] == FIXED { p } else { 0.0 };
-        self.pressure.extend(pressure.iter().enumerate().map(held));
+        self.pressure.extend(pressure.iter().enumerate().map(|(node, &p)| if of(node) { p } else { 0.0 }));
         if self.pressure.iter().any(|&p| p != 0.0) {
             self.loads.clear(out.grain.len());
             mesh.add_loads(&self.pressure, &mut self.loads);
