@@ -2,6 +2,7 @@
 //!
 //! - [`cell`]: the region the grains live in, a box whose axes are walled or periodic;
 //! - [`neighbours`]: the pairs of grains, and of grains and walls, closer than a skin;
+//! - [`period`]: the periods of a cell, nearest images;
 //! - [`order`]: numbering along a space-filling curve;
 //! - [`triangulation`]: the regular (weighted Delaunay) triangulation of the grains, exact, walls as vertices;
 //! - [`throat`]: areas, signed solid angles and void volumes of its throats;
@@ -37,12 +38,14 @@ pub mod gradient;
 pub mod locate;
 pub mod neighbours;
 pub mod order;
+pub mod period;
 mod predicates;
 pub mod throat;
 pub mod triangulation;
 pub mod voronoi;
 pub use cell::Cell;
 pub use neighbours::Neighbours;
+pub use period::Period;
 pub use triangulation::{Repair, Triangulation, TriangulationError};
 
 /// The example of the README, run as a test.

@@ -1,6 +1,9 @@
 //! Who is near whom: pairs of grains, and of grains and walls, closer than a skin.
 
+mod periodic;
+
 use crate::cell::Cell;
+use crate::period::Period;
 use crate::triangulation::FIRST_WALL;
 use glam::{DVec3, IVec3};
 
@@ -12,6 +15,9 @@ const SKIN: f64 = 0.15;
 /// The list is a superset of the touching pairs and stays one until some surface has moved by half the skin; only
 /// then is it built anew, by a cell list, in time linear in the number of grains. How large the skin is and when the
 /// list was built are therefore of no consequence for what is computed from the touching pairs.
+///
+/// Where the cell is periodic a pair stands for a grain and the nearest image of the other. That is all there is as long
+/// as the lattice planes are further apart than [`room`](Self::room) says.
 #[derive(Clone, Debug, Default)]
 pub struct Neighbours {
     /// Pairs `(i, j)`, `i < j`, or `(i, FIRST_WALL + face)`, sorted.
@@ -23,6 +29,8 @@ pub struct Neighbours {
     radius: Vec<f64>,
     cell: Option<Cell>,
     grid: Grid,
+    /// The grains in the slices of a periodic cell.
+    slices: periodic::Slices,
 }
 
 impl Neighbours {
@@ -37,11 +45,21 @@ impl Neighbours {
         true
     }
 
+    /// The least distance of the lattice planes of a periodic cell for pairs with the nearest image to be all there are:
+    /// twice the longest distance of a listed pair [m].
+    pub fn room(&self) -> f64 {
+        let largest = self.radius.iter().fold(0.0, |a: f64, &r| a.max(r));
+        2.0 * (2.0 * largest + self.skin)
+    }
+
     /// Whether no surface has moved so far that an unlisted pair could be within `reach`.
     fn holds(&self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
         let Some(old) = &self.cell else { return false };
         if position.len() != self.position.len() || cell.periodic != old.periodic {
             return false;
+        }
+        if let Some(period) = Period::of(cell) {
+            return self.holds_periodic(cell, old, &period, position, radius, reach);
         }
         let allowed = 0.5 * (self.skin - reach);
         let lower = (cell.origin - old.origin).abs().max_element();
@@ -69,6 +87,9 @@ impl Neighbours {
         self.position.extend_from_slice(position);
         self.radius.clear();
         self.radius.extend_from_slice(radius);
+        if let Some(period) = Period::of(cell) {
+            return self.build_periodic(cell, &period, 2.0 * largest + self.skin);
+        }
         self.grid.fill(cell, position, 2.0 * largest + self.skin);
 
         self.pairs.clear();
