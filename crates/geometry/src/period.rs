@@ -77,11 +77,8 @@ mod tests {
 
     #[test]
     fn images_are_the_nearest_and_walls_are_not_crossed() {
-        let edges = DMat3::from_cols(
-            DVec3::new(1.0, 0.1, 0.0),
-            DVec3::new(0.4, 1.2, 0.0),
-            DVec3::new(0.0, 0.0, 0.7),
-        );
+        let edges =
+            DMat3::from_cols(DVec3::new(1.0, 0.1, 0.0), DVec3::new(0.4, 1.2, 0.0), DVec3::new(0.0, 0.0, 0.7));
         let cell = Cell { origin: DVec3::new(3.0, -2.0, 1.0), edges, periodic: [true, true, false] };
         let period = Period::of(&cell).unwrap();
         assert!((period.across(1) - edges.determinant() / (0.7 * edges.x_axis.length())).abs() < 1e-12);

@@ -1,6 +1,6 @@
 //! The faces of the domain: where they are now, what they do to grains, what they do to water.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -18,6 +18,14 @@ pub struct Domain {
     pub wall_velocity: [DVec3; 6],
     /// Total force on each wall at the last step, grains and water together [N].
     pub wall_force: [DVec3; 6],
+    /// Velocity gradient of a periodic cell in the middle of the last step [1/s].
+    pub rate: DMat3,
+    /// Its images move at this times their shift [1/s]: the same gradient, referred to the end of the step.
+    pub gradient: DMat3,
+    /// The velocity gradient summed over time [-]: logarithmic strains and shear strains, extension positive.
+    pub strain: DMat3,
+    /// How many periods each grain has been taken back by, in the order of the grains; empty in a walled box.
+    pub crossed: Vec<[i32; 3]>,
 }
 
 impl Domain {
@@ -27,14 +35,39 @@ impl Domain {
             cell: Cell::walled(lower, upper),
             wall_velocity: Default::default(),
             wall_force: Default::default(),
+            rate: DMat3::ZERO,
+            gradient: DMat3::ZERO,
+            strain: DMat3::ZERO,
+            crossed: Vec::new(),
         }
+    }
+
+    /// A cell at rest.
+    pub fn of(cell: Cell) -> Self {
+        Domain { cell, ..Domain::walled(DVec3::ZERO, DVec3::ONE) }
+    }
+
+    /// Whether any axis is periodic.
+    pub fn is_periodic(&self) -> bool {
+        self.cell.periodic != [false; 3]
+    }
+
+    /// Where grain `k`, now at `x`, would be had it never been taken back into the cell [m].
+    pub fn unwrapped(&self, k: usize, x: DVec3) -> DVec3 {
+        let [a, b, c] = self.crossed.get(k).copied().unwrap_or_default();
+        x + self.cell.edges * DVec3::new(a.into(), b.into(), c.into())
+    }
+
+    /// Velocity of a grain besides what goes with its place in the deforming cell [m/s].
+    pub fn peculiar(&self, position: DVec3, velocity: DVec3) -> DVec3 {
+        velocity - self.gradient * (position - self.cell.origin)
     }
 
     /// Area of a face [m²].
     pub fn area(&self, face: usize) -> f64 {
-        let size = self.cell.upper() - self.cell.origin;
         let axis = face / 2;
-        size[(axis + 1) % 3] * size[(axis + 2) % 3]
+        let (a, b) = (self.cell.edges.col((axis + 1) % 3), self.cell.edges.col((axis + 2) % 3));
+        a.cross(b)[axis].abs()
     }
 }
 

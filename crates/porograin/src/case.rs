@@ -8,6 +8,7 @@ mod check;
 mod error;
 mod implied;
 mod material;
+mod periodic;
 mod source;
 mod stage;
 
@@ -15,9 +16,11 @@ pub use build::{Plan, Stage};
 pub use error::{CaseError, Place, nearest};
 pub use implied::{Implied, ImpliedStage, ImpliedWater};
 pub use material::{Material, Pair};
+pub use periodic::Periodic;
 pub use stage::{StageTable, Until, Water as StageWater};
 
 use crate::boundary::{FACE_NAMES, Face, Slip, Solid, Water};
+use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::model::{FluidModel, TimeStep};
 use crate::trouble::On;
@@ -48,6 +51,8 @@ pub struct Case {
     /// Rules of the six faces; stages may override them.
     #[serde(default)]
     pub face: FaceTable,
+    /// What drives the periodic cell; stages may replace it.
+    pub cell: Option<CellRule>,
     /// Acceleration [m/s²].
     #[serde(default)]
     pub gravity: [f64; 3],
@@ -81,6 +86,9 @@ pub struct Case {
 pub struct DomainTable {
     /// Lengths of the edges [m].
     pub size: [f64; 3],
+    /// Which axes repeat; the others end at walls.
+    #[serde(default)]
+    pub periodic: Periodic,
     /// The low corner [m].
     #[serde(default)]
     pub origin: [f64; 3],

@@ -4,6 +4,7 @@ pub mod bench;
 pub mod boundary;
 pub mod budget;
 pub mod case;
+pub mod cell;
 pub mod consolidation;
 pub mod contact;
 pub mod darcy;
@@ -28,6 +29,7 @@ pub mod trouble;
 pub mod watch;
 
 pub use boundary::{Domain, Face, Signal, Slip, Solid, Water};
+pub use cell::CellRule;
 pub use grains::{Grains, Loads};
 pub use model::{Flow, FluidModel, Model, TimeStep};
 pub use state::State;

@@ -1,6 +1,7 @@
 //! What the case says: values that never change during a step.
 
 use crate::boundary::Face;
+use crate::cell::CellRule;
 use crate::contact::Laws;
 use crate::darcy::Darcy;
 use crate::pores::Pores;
@@ -20,6 +21,8 @@ pub struct Model {
     pub damping: f64,
     /// Rules of the six faces.
     pub faces: [Face; 6],
+    /// What drives the periodic cell.
+    pub cell: CellRule,
     /// The water; `None` when the stage is dry.
     pub fluid: Option<FluidModel>,
     /// The time at which the stage began: signals count from here [s].

@@ -1,10 +1,11 @@
 //! Moving grains and walls: leapfrog, pistons, local damping.
 
 use crate::boundary::{Domain, Signal, Solid};
+use crate::cell;
 use crate::grains::{Grains, Loads, Shape};
 use crate::model::Model;
 use crate::state::State;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use porograin_geometry::cell::NORMALS;
 use rayon::prelude::*;
 
@@ -48,8 +49,21 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
     state.domain.wall_force = loads.wall;
     let moved = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
     state.domain.wall_velocity = std::array::from_fn(moved);
-    move_walls(&mut state.domain, dt);
-    move_grains(&mut state.grains, loads, felt, model.damping, kick, dt);
+    if !state.domain.is_periodic() {
+        move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, |_, velocity| velocity);
+        move_walls(&mut state.domain, dt);
+    } else {
+        let rate = cell::rate(state, model, dt);
+        let State { domain, grains, .. } = state;
+        let (before, origin) = (domain.gradient, domain.cell.origin);
+        let boost = cell::carry(domain, grains, rate, dt);
+        // What goes with a place is not slowed down.
+        let stretch = before + boost;
+        let peculiar = |x: DVec3, v: DVec3| v - stretch * (x - origin);
+        move_grains(grains, loads, felt, model.damping, kick, dt, peculiar);
+        move_walls(domain, dt);
+        cell::advance(domain, grains, dt);
+    }
     state.time += dt;
     state.dt = dt;
     state.step += 1;
@@ -77,7 +91,15 @@ pub fn foresee(state: &State, model: &Model, loads: &Loads, felt: &Loads, dt: f6
     );
 }
 
-fn move_grains(grains: &mut Grains, loads: &Loads, felt: &Loads, damping: f64, kick: f64, dt: f64) {
+fn move_grains(
+    grains: &mut Grains,
+    loads: &Loads,
+    felt: &Loads,
+    damping: f64,
+    kick: f64,
+    dt: f64,
+    rate: impl Fn(DVec3, DVec3) -> DVec3 + Sync,
+) {
     let gyration = grains.shape.gyration();
     // Discs stay in the plane of x and z and turn about y only.
     let (along, about) = match grains.shape {
@@ -90,7 +112,7 @@ fn move_grains(grains: &mut Grains, loads: &Loads, felt: &Loads, damping: f64, k
         .with_min_len(BLOCK)
         .for_each(|(position, velocity, spin, &radius, &mass, &force, &torque, &felt, &turned)| {
             let mobility = kick / mass;
-            *velocity += mobility * damped(force * along, felt * along, *velocity, damping);
+            *velocity += mobility * damped(force * along, felt * along, rate(*position, *velocity), damping);
             *spin += mobility / (gyration * radius * radius)
                 * damped(torque * about, turned * about, *spin, damping);
             *position += dt * *velocity;
@@ -168,7 +190,9 @@ fn move_walls(domain: &mut Domain, dt: f64) {
     let lower = domain.cell.origin + dt * DVec3::new(normal(0), normal(2), normal(4));
     let upper = domain.cell.upper() + dt * DVec3::new(normal(1), normal(3), normal(5));
     domain.cell.origin = lower;
-    domain.cell.edges = DMat3::from_diagonal(upper - lower);
+    for axis in (0..3).filter(|&axis| !domain.cell.periodic[axis]) {
+        *domain.cell.edges.col_mut(axis) = (upper - lower)[axis] * DVec3::AXES[axis];
+    }
 }
 
 /// Mass of a piston [kg]: as given, or a tenth of the mass of the grains.
@@ -187,9 +211,15 @@ pub fn pistons(model: &Model, grains: &Grains) -> [Option<f64>; 6] {
 /// The speed at which a sample of this height [m] deforms at the inertial number 0.01 under a stress [Pa]:
 /// `0.01 (H/d) sqrt(stress/density)`, d the mean diameter [m/s].
 fn piston_speed(grains: &Grains, height: f64, stress: f64) -> f64 {
+    PISTON_INERTIAL_NUMBER * height * inertial_rate(grains, stress)
+}
+
+/// The rate of deformation whose inertial number is 1 under a stress [Pa]: `sqrt(stress/density)/d`, d the mean
+/// diameter [1/s].
+pub fn inertial_rate(grains: &Grains, stress: f64) -> f64 {
     let diameter = 2.0 * sum(&grains.radius) / grains.len().max(1) as f64;
     let density = sum(&grains.mass) / grains.volume();
-    PISTON_INERTIAL_NUMBER * height / diameter * (stress / density).sqrt()
+    (stress / density).sqrt() / diameter
 }
 
 /// Sum in four interleaved parts: the order is fixed and the additions overlap.

@@ -49,7 +49,7 @@ impl fmt::Display for CloudError {
 
 impl std::error::Error for CloudError {}
 
-/// `count` grains at rest, thrown at random into a walled box without touching each other or a wall.
+/// `count` grains at rest, thrown at random into a box, walled or periodic, without touching each other or a wall.
 ///
 /// Radii are uniform within `mean (1 ± spread)`, the mean such that the void part of the box is `porosity`;
 /// `density` in kg/m³. The same numbers give the same cloud on every machine (generator PCG64 XSL-RR, its 53 high
@@ -86,12 +86,14 @@ pub fn cloud(
     if extent.min_element() < 2.0 * radius[0] {
         return Err(CloudError::Size { diameter: 2.0 * radius[0] });
     }
-    let mut room = Room::new(lower, extent, 2.0 * radius[0], count);
+    let mut room = Room::new(lower, extent, cell.periodic, 2.0 * radius[0], count);
     let mut position: Vec<DVec3> = Vec::with_capacity(count);
     for (k, &r) in radius.iter().enumerate() {
-        let free = extent - 2.0 * r;
+        // Walls keep a radius away.
+        let edge = DVec3::from_array(cell.periodic.map(|p| if p { 0.0 } else { r }));
+        let free = extent - 2.0 * edge;
         let place = (0..TRIES).find_map(|_| {
-            let x = lower + r + free * DVec3::new(uniform(), uniform(), uniform());
+            let x = lower + edge + free * DVec3::new(uniform(), uniform(), uniform());
             room.is_free(x, r, &position, &radius).then_some(x)
         });
         let Some(x) = place else { return Err(CloudError::Room { placed: k, count }) };
@@ -189,6 +191,8 @@ pub fn lattice(kind: Lattice, cell: &Cell, radius: f64) -> Vec<DVec3> {
 /// Grains placed so far, by cubes as large as the largest grain: chains through `next`, one per cube.
 struct Room {
     lower: DVec3,
+    extent: DVec3,
+    periodic: [bool; 3],
     per_length: DVec3,
     count: [usize; 3],
     head: Vec<u32>,
@@ -198,7 +202,7 @@ struct Room {
 const END: u32 = u32::MAX;
 
 impl Room {
-    fn new(lower: DVec3, extent: DVec3, diameter: f64, grains: usize) -> Self {
+    fn new(lower: DVec3, extent: DVec3, periodic: [bool; 3], diameter: f64, grains: usize) -> Self {
         let mut size = diameter;
         let count = loop {
             let count = (extent / size).floor().max(DVec3::ONE);
@@ -209,7 +213,8 @@ impl Room {
         };
         let count_ = [count.x as usize, count.y as usize, count.z as usize];
         let head = vec![END; count_[0] * count_[1] * count_[2]];
-        Room { lower, per_length: count / extent, count: count_, head, next: Vec::with_capacity(grains) }
+        let (per_length, next) = (count / extent, Vec::with_capacity(grains));
+        Room { lower, extent, periodic, per_length, count: count_, head, next }
     }
 
     fn place(&self, x: DVec3) -> [usize; 3] {
@@ -227,16 +232,34 @@ impl Room {
         self.head[cube] = grain as u32;
     }
 
+    /// The cubes next to one along an axis, itself included, none twice.
+    fn beside(&self, at: [usize; 3], axis: usize) -> impl Iterator<Item = usize> + use<> {
+        let (k, n, periodic) = (at[axis], self.count[axis], self.periodic[axis]);
+        let (from, count) = match periodic {
+            true if n < 3 => (0, n),
+            true => (k + n - 1, 3),
+            false => (k.saturating_sub(1), (k + 2).min(n) - k.saturating_sub(1)),
+        };
+        (from..from + count).map(move |k| k % n)
+    }
+
+    /// The shortest image of a difference.
+    fn nearest(&self, mut difference: DVec3) -> DVec3 {
+        for axis in (0..3).filter(|&axis| self.periodic[axis]) {
+            difference[axis] -= self.extent[axis] * (difference[axis] / self.extent[axis]).round();
+        }
+        difference
+    }
+
     fn is_free(&self, x: DVec3, r: f64, position: &[DVec3], radius: &[f64]) -> bool {
         let at = self.place(x);
-        let range = |k: usize| at[k].saturating_sub(1)..(at[k] + 2).min(self.count[k]);
-        for z in range(2) {
-            for y in range(1) {
-                for cube in range(0).map(|x| self.cube([x, y, z])) {
+        for z in self.beside(at, 2) {
+            for y in self.beside(at, 1) {
+                for cube in self.beside(at, 0).map(|x| self.cube([x, y, z])) {
                     let mut k = self.head[cube];
                     while k != END {
                         let (other, reach) = (position[k as usize], r + radius[k as usize]);
-                        if (other - x).length_squared() <= reach * reach {
+                        if self.nearest(other - x).length_squared() <= reach * reach {
                             return false;
                         }
                         k = self.next[k as usize];

@@ -3,6 +3,7 @@
 use crate::boundary::{FACE_NAMES, Solid};
 use crate::budget::{Cause, Unbalanced};
 use crate::case::{Case, CaseError, Plan, Stage, reason};
+use crate::cell::COMPONENTS;
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::darcy::Census;
 use crate::measure;
@@ -263,7 +264,7 @@ impl Simulation {
             until.unbalanced.map(|_| measure::unbalanced(&self.state, &self.model, &self.work.loads));
         let stress = until.stress_error.map(|_| self.stress_error());
         let below = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_none_or(|(v, l)| v <= l);
-        if below(unbalanced, until.unbalanced) && below(stress.map(|s| s.0), until.stress_error) {
+        if below(unbalanced, until.unbalanced) && below(stress.as_ref().map(|s| s.0), until.stress_error) {
             return Ok(Some("conditions".into()));
         }
         if !last {
@@ -273,28 +274,35 @@ impl Simulation {
         if let Some((value, limit)) = unbalanced.zip(until.unbalanced) {
             why.push(format!("unbalanced is {value:.3e}, asked {limit:e}"));
         }
-        if let Some(((value, face), limit)) = stress.zip(until.stress_error) {
-            why.push(format!(
-                "the stress on the {} wall is off by {value:.3e}, asked {limit:e}",
-                FACE_NAMES[face]
-            ));
+        if let Some(((value, what), limit)) = stress.zip(until.stress_error) {
+            why.push(format!("the stress {what} is off by {value:.3e}, asked {limit:e}"));
         }
         let why = format!("after {steps} steps and {time:.4e} s {}", why.join(" and "));
         Err(RunError::Endless { stage: stage.name.clone(), why })
     }
 
-    /// The largest relative distance of a servo wall from its stress, and that wall.
-    fn stress_error(&self) -> (f64, usize) {
+    /// The largest relative distance of a servo wall, or of a held stress of the cell, from its stress, and its name.
+    fn stress_error(&self) -> (f64, String) {
         let t = self.state.time - self.model.stage_start;
+        let mut worst = (0.0, String::new());
+        let mut compare = |found: f64, asked: f64, name: &dyn Fn() -> String| {
+            let error = (found - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
+            if error > worst.0 {
+                worst = (error, name());
+            }
+        };
         let stresses = measure::wall_stress(&self.state.domain);
-        let mut worst = (0.0, 0);
         for (k, face) in self.model.faces.iter().enumerate() {
             if let Solid::Servo { stress, .. } = &face.solid {
-                let asked = stress.at(t);
-                let error = (stresses[k] - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
-                if error > worst.0 {
-                    worst = (error, k);
-                }
+                compare(stresses[k], stress.at(t), &|| format!("on the {} wall", FACE_NAMES[k]));
+            }
+        }
+        let mut held = self.model.cell.stress.given().peekable();
+        if held.peek().is_some() {
+            let stress = measure::contact_stress(&self.state, &self.model);
+            for (row, column, signal) in held {
+                let name = || format!("{} of the cell", COMPONENTS[3 * row + column]);
+                compare(stress.col(column)[row], signal.at(t), &name);
             }
         }
         worst

@@ -1,5 +1,6 @@
 //! The whole time step on one page.
 
+use crate::boundary::Domain;
 use crate::contact::{self, Surroundings};
 use crate::fluid;
 use crate::grains::Loads;
@@ -11,7 +12,7 @@ use crate::state::State;
 use crate::timers::Timers;
 use crate::trouble::Trouble;
 use glam::DVec3;
-use porograin_geometry::Neighbours;
+use porograin_geometry::{Neighbours, Period};
 use std::fmt;
 
 /// Scratch of a run: dropping it between any two steps changes no bit of the result.
@@ -60,6 +61,9 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     let State { grains, domain, contacts: touching, .. } = state;
     let rebuilt =
         neighbours.refresh(&domain.cell, &grains.position, &grains.radius, model.contact.reach(grains));
+    if rebuilt {
+        roomy(domain, neighbours)?;
+    }
     let surroundings = Surroundings::new(grains, domain, &model.faces, &model.contact);
     contact::follow(touching, &surroundings, &neighbours.pairs, rebuilt, contacts);
     timers.lap("neighbours");
@@ -85,14 +89,27 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     Ok(report)
 }
 
+/// Refuses a periodic cell so small that a grain could touch two images of another, or its own.
+fn roomy(domain: &Domain, neighbours: &Neighbours) -> Result<(), StepError> {
+    match Period::of(&domain.cell).map(|period| period.height()) {
+        Some(height) if height < neighbours.room() => {
+            Err(StepError::Crowded { height, room: neighbours.room() })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Refuses a state with a grain whose centre has left the box, or is nowhere at all, naming the first.
 fn inside(state: &State, report: Report) -> Result<Report, StepError> {
-    let (lower, upper) = (state.domain.cell.origin, state.domain.cell.upper());
+    let (mut lower, mut upper) = (state.domain.cell.origin, state.domain.cell.upper());
+    for axis in (0..3).filter(|&axis| state.domain.cell.periodic[axis]) {
+        (lower[axis], upper[axis]) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
     // A comparison with NaN is false, so one test finds both.
     let sound = |x: &DVec3| lower.cmple(*x).all() && x.cmple(upper).all();
     let Some(k) = state.grains.position.iter().position(|x| !sound(x)) else { return Ok(report) };
     let (grain, time, x) = (state.grains.id[k], state.time, state.grains.position[k]);
-    if !(x.is_finite() && lower.is_finite() && upper.is_finite()) {
+    if !(x.is_finite() && state.domain.cell.edges.is_finite()) {
         return Err(StepError::NotFinite { grain, time });
     }
     let beyond = [lower.x - x.x, x.x - upper.x, lower.y - x.y, x.y - upper.y, lower.z - x.z, x.z - upper.z];
@@ -117,6 +134,13 @@ pub enum StepError {
         /// What the step did.
         report: Box<Report>,
     },
+    /// The periodic cell is so small that a grain could touch two images of another, or its own.
+    Crowded {
+        /// Distance of its lattice planes [m].
+        height: f64,
+        /// What it takes [m].
+        room: f64,
+    },
     /// The water cannot be computed.
     Fluid(String),
 }
@@ -130,6 +154,12 @@ impl fmt::Display for StepError {
                  or grains overlapped deeply at the start"
             ),
             StepError::Outside { trouble, .. } => trouble.fmt(f),
+            StepError::Crowded { height, room } => write!(
+                f,
+                "the periodic cell is {height:.4e} m across, but a grain sees one image of each neighbour only if it is at \
+                 least {room:.4e} m, twice the largest diameter and some room to move: make the cell larger or the grains \
+                 smaller"
+            ),
             StepError::Fluid(why) => f.write_str(why),
         }
     }

@@ -59,6 +59,10 @@ pub enum Measure {
     FaceStress,
     /// Mean stress carried by the contacts.
     Stress,
+    /// All nine components of it.
+    StressTensor,
+    /// The velocity gradient of the periodic cell, summed over time.
+    CellStrain,
     /// Number of contacts, mean number per grain, grains that carry nothing.
     Contacts,
     /// Kinetic energy of the grains.
@@ -80,13 +84,15 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 13] = [
+    pub const ALL: [Measure; 15] = [
         Measure::Porosity,
         Measure::Size,
         Measure::Settlement,
         Measure::Unbalanced,
         Measure::FaceStress,
         Measure::Stress,
+        Measure::StressTensor,
+        Measure::CellStrain,
         Measure::Contacts,
         Measure::KineticEnergy,
         Measure::Speed,
@@ -120,6 +126,12 @@ impl Measure {
                 "normal stress on each face, grains and water together, compression positive"
             }
             Measure::Stress => "mean stress carried by the contacts along x, y, z, compression positive",
+            Measure::StressTensor => {
+                "mean stress carried by the contacts: force along the first letter on what lies further along the second"
+            }
+            Measure::CellStrain => {
+                "velocity gradient of the periodic cell summed over time, extension positive"
+            }
             Measure::Contacts => "number of contacts, mean number per grain, grains that carry nothing",
             Measure::KineticEnergy => "kinetic energy of the grains, turning included",
             Measure::Speed => "largest speed of a grain",
@@ -149,6 +161,10 @@ impl Measure {
             Measure::FaceStress => faces("stress", "Pa"),
             Measure::Contacts => list(&["contacts [-]", "coordination [-]", "rattlers [-]"]),
             Measure::Stress => list(&["stress_xx [Pa]", "stress_yy [Pa]", "stress_zz [Pa]"]),
+            Measure::StressTensor => {
+                crate::cell::COMPONENTS.map(|c| format!("stress_tensor_{c} [Pa]")).to_vec()
+            }
+            Measure::CellStrain => crate::cell::COMPONENTS.map(|c| format!("strain_{c} [-]")).to_vec(),
             Measure::KineticEnergy => list(&["kinetic_energy [J]"]),
             Measure::Speed => list(&["speed_max [m/s]"]),
             Measure::TimeStep => list(&["dt [s]"]),
@@ -208,6 +224,10 @@ impl Measure {
                 let s = measure::contact_stress(now.state, now.model);
                 vec![s.x_axis.x, s.y_axis.y, s.z_axis.z]
             }
+            Measure::StressTensor => {
+                measure::contact_stress(now.state, now.model).transpose().to_cols_array().to_vec()
+            }
+            Measure::CellStrain => domain.strain.transpose().to_cols_array().to_vec(),
             Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],

@@ -46,6 +46,7 @@ fn sample(settings: Darcy, viscosity: f64, bulk_modulus: Option<f64>) -> (State,
         contact: Law::Linear(Linear::new(15e6, 0.5, 30.0)).into(),
         damping: 0.0,
         faces: Default::default(),
+        cell: Default::default(),
         fluid: Some(FluidModel { viscosity, density: 1000.0, bulk_modulus, flow: Flow::Darcy(settings) }),
         stage_start: 0.0,
     };

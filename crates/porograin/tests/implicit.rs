@@ -37,6 +37,7 @@ fn pressed(count: usize) -> (State, Model) {
         contact: Law::Linear(Linear::new(15e6, 0.5, 5.0)).into(),
         damping: 0.3,
         faces,
+        cell: Default::default(),
         fluid: None,
         stage_start: 0.0,
     };
@@ -133,6 +134,7 @@ fn suspension(step: Stepping) -> (State, Model) {
         contact: Law::Linear(Linear::new(1e6, 0.5, 30.0)).into(),
         damping: 0.0,
         faces: Default::default(),
+        cell: Default::default(),
         fluid: water(1.0, step),
         stage_start: 0.0,
     };

@@ -196,8 +196,8 @@ mod tests {
         let range = |axis: usize| if cell.periodic[axis] { -2..=2 } else { 0..=0 };
         for i in 0..position.len() {
             for j in i + 1..position.len() {
-                for (a, b, c) in range(0)
-                    .flat_map(|a| range(1).flat_map(move |b| range(2).map(move |c| (a, b, c))))
+                for (a, b, c) in
+                    range(0).flat_map(|a| range(1).flat_map(move |b| range(2).map(move |c| (a, b, c))))
                 {
                     let shift = cell.edges * DVec3::new(a as f64, b as f64, c as f64);
                     if (position[j] + shift).distance(position[i]) < radius[i] + radius[j] + reach {

@@ -70,6 +70,7 @@ impl Case {
             contact,
             damping: stage.damping.or(self.damping).unwrap_or(default_damping),
             faces,
+            cell: stage.cell.clone().or_else(|| self.cell.clone()).unwrap_or_default(),
             fluid,
             stage_start: start,
         }
@@ -81,20 +82,27 @@ impl Case {
         (lower, lower + DVec3::from_array(self.domain.size))
     }
 
+    /// The box or the period at the start.
+    pub fn cell(&self) -> Cell {
+        let (lower, upper) = self.corners();
+        Cell { periodic: self.domain.periodic.0, ..Cell::walled(lower, upper) }
+    }
+
     /// Makes the grains and the stages.
     ///
     /// # Errors
     /// A grain file that cannot be read, grains outside the box, too big for it or deep inside each other.
     pub fn plan(&self) -> Result<Plan, CaseError> {
-        let (lower, upper) = self.corners();
+        let cell = self.cell();
         let mut grains = self.make_grains()?;
         self.assign_materials(&mut grains);
-        let grains = packing::ordered(&Cell::walled(lower, upper), grains);
+        let grains = packing::ordered(&cell, grains);
+        self.roomy(&cell, &grains)?;
         let state = State {
             time: 0.0,
             step: 0,
             dt: 0.0,
-            domain: Domain::walled(lower, upper),
+            domain: Domain::of(cell),
             grains,
             contacts: Contacts::default(),
             fluid: None,
@@ -137,10 +145,15 @@ impl Case {
     }
 
     fn make_cloud(&self, cloud: &Cloud) -> Result<Grains, CaseError> {
-        let (lower, upper) = self.corners();
-        let cell = Cell::walled(lower, upper);
-        packing::cloud(&cell, cloud.count, cloud.spread, cloud.seed, cloud.porosity, self.grains.density)
-            .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
+        packing::cloud(
+            &self.cell(),
+            cloud.count,
+            cloud.spread,
+            cloud.seed,
+            cloud.porosity,
+            self.grains.density,
+        )
+        .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
     }
 }
 

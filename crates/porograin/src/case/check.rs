@@ -36,6 +36,10 @@ impl Case {
         self.optional("damping", self.damping, Range::Part)?;
         self.time_step("time-step", &self.time_step)?;
         self.faces("face", &self.face)?;
+        if let Some(rule) = &self.cell {
+            self.cell_rule("cell", rule)?;
+        }
+        self.dry_if_periodic()?;
         if let Some(fluid) = &self.fluid {
             self.number("fluid.viscosity", fluid.viscosity, Range::Positive)?;
             self.number("fluid.density", fluid.density, Range::Positive)?;
@@ -173,6 +177,9 @@ impl Case {
             self.optional(&at("friction"), stage.friction, Range::Angle)?;
             self.optional(&at("damping"), stage.damping, Range::Part)?;
             self.faces(&at("face"), &stage.face)?;
+            if let Some(rule) = &stage.cell {
+                self.cell_rule(&at("cell"), rule)?;
+            }
             if let Some(step) = &stage.time_step {
                 self.time_step(&at("time-step"), step)?;
             }
@@ -219,7 +226,9 @@ impl Case {
                 .hint("give time, steps, unbalanced or stress-error"));
         }
         let servo = |face: &crate::boundary::Face| matches!(face.solid, Solid::Servo { .. });
-        if until.stress_error.is_some() && !self.model(k, 0.0).faces.iter().any(servo) {
+        let model = self.model(k, 0.0);
+        let held = model.cell.stress.given().next().is_some();
+        if until.stress_error.is_some() && !held && !model.faces.iter().any(servo) {
             return self.refuse(
                 &at("stress-error"),
                 format!("the stage `{name}` waits for the stress of servo walls, but no face has one"),
@@ -265,6 +274,7 @@ impl Case {
     }
 
     fn faces(&self, table: &str, faces: &FaceTable) -> Result<(), CaseError> {
+        self.faces_are_walled(table, faces)?;
         for (key, rule, _) in faces.rules() {
             let at = |inner: &str| format!("{table}.{key}.{inner}");
             self.optional(&at("friction"), rule.friction, Range::Angle)?;
@@ -288,7 +298,7 @@ impl Case {
         Ok(())
     }
 
-    fn signal(&self, path: &str, signal: &Signal) -> Result<(), CaseError> {
+    pub(super) fn signal(&self, path: &str, signal: &Signal) -> Result<(), CaseError> {
         match signal {
             Signal::Constant(_) => Ok(()),
             Signal::Ramp { start, end, .. } if end < start => self.refuse(

@@ -1,6 +1,7 @@
 //! Stages: an ordered list, each with what it overrides and when it ends.
 
 use super::FaceTable;
+use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::model::{Flow, TimeStep};
 use crate::trouble::On;
@@ -22,6 +23,8 @@ pub struct StageTable {
     /// Other rules of faces.
     #[serde(default)]
     pub face: FaceTable,
+    /// Another rule of the periodic cell, complete.
+    pub cell: Option<CellRule>,
     /// Another gravity [m/s²].
     pub gravity: Option<[f64; 3]>,
     /// Another damping.

@@ -3,7 +3,8 @@
 use super::{Law, Laws};
 use crate::boundary::{Domain, Face};
 use crate::grains::Grains;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
+use porograin_geometry::Period;
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::triangulation::wall;
 
@@ -132,6 +133,8 @@ pub struct Surroundings<'a> {
     pub laws: &'a Laws,
     walls: [Wall; 6],
     friction: f64,
+    /// Where the cell is periodic: its periods, and how fast images move per shift [1/s].
+    period: Option<(Period, DMat3)>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -149,7 +152,8 @@ impl<'a> Surroundings<'a> {
             velocity: domain.wall_velocity[face],
             friction: faces[face].friction.to_radians().tan(),
         });
-        Surroundings { grains, laws, walls, friction: laws.all.friction().to_radians().tan() }
+        let period = Period::of(&domain.cell).map(|period| (period, domain.gradient));
+        Surroundings { grains, laws, walls, friction: laws.all.friction().to_radians().tan(), period }
     }
 
     /// The law of a pair.
@@ -176,11 +180,21 @@ impl<'a> Surroundings<'a> {
         match wall(second) {
             None => {
                 let j = second as usize;
+                let reach = radius + grains.radius[j];
+                let mut branch = grains.position[j] - grains.position[i];
+                let mut velocity = grains.velocity[j] - grains.velocity[i];
+                if let Some((period, gradient)) = &self.period
+                    && branch.length_squared() > reach * reach
+                {
+                    let shift = period.nearest(branch);
+                    branch += shift;
+                    velocity += *gradient * shift;
+                }
                 Near {
-                    branch: grains.position[j] - grains.position[i],
-                    reach: radius + grains.radius[j],
+                    branch,
+                    reach,
                     radius: [radius, grains.radius[j]],
-                    velocity: grains.velocity[j] - grains.velocity[i],
+                    velocity,
                     spin: [grains.spin[i], grains.spin[j]],
                     friction: self.friction,
                     mass: grains.mass[i] * grains.mass[j] / (grains.mass[i] + grains.mass[j]),
@@ -212,7 +226,10 @@ impl<'a> Surroundings<'a> {
             None => {
                 let j = second as usize;
                 let reach = grains.radius[i] + grains.radius[j];
-                (grains.position[j] - grains.position[i]).length_squared() < reach * reach
+                let branch = grains.position[j] - grains.position[i];
+                let touches = |branch: DVec3| branch.length_squared() < reach * reach;
+                touches(branch)
+                    || self.period.as_ref().is_some_and(|(p, _)| touches(branch + p.nearest(branch)))
             }
             Some(face) => {
                 let outward = if face % 2 == 0 { -1.0 } else { 1.0 };

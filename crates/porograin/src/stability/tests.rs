@@ -13,6 +13,7 @@ fn model(safety: f64) -> Model {
         contact: Law::Linear(LAW).into(),
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction: 60.0, ..Face::default() }),
+        cell: Default::default(),
         fluid: None,
         stage_start: 0.0,
     }

@@ -1,0 +1,120 @@
+//! Which axes of the domain are periodic, and what a case may ask of a periodic cell.
+
+use super::check::Range;
+use super::{Case, CaseError, FaceTable};
+use crate::cell::{COMPONENTS, CellRule};
+use crate::grains::Grains;
+use porograin_geometry::{Cell, Neighbours, Period};
+use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
+
+/// Which axes repeat: `"xy"` or `[true, true, false]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Periodic(pub [bool; 3]);
+
+impl<'de> Deserialize<'de> for Periodic {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct AxesOrFlags;
+        impl<'de> Visitor<'de> for AxesOrFlags {
+            type Value = Periodic;
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("the names of axes such as \"xy\", or three of true and false")
+            }
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Periodic, E> {
+                let mut axes = [false; 3];
+                for c in text.chars() {
+                    let Some(axis) = "xyz".find(c).filter(|&axis| !axes[axis]) else {
+                        return Err(E::invalid_value(de::Unexpected::Str(text), &self));
+                    };
+                    axes[axis] = true;
+                }
+                Ok(Periodic(axes))
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Periodic, A::Error> {
+                <[bool; 3]>::deserialize(de::value::SeqAccessDeserializer::new(seq)).map(Periodic)
+            }
+        }
+        deserializer.deserialize_any(AxesOrFlags)
+    }
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+impl Case {
+    /// Faces across a periodic axis have no wall for a rule to speak of.
+    pub(super) fn faces_are_walled(&self, table: &str, faces: &FaceTable) -> Result<(), CaseError> {
+        let periodic = self.domain.periodic.0;
+        for (key, _, which) in faces.rules() {
+            if which.clone().all(|face| periodic[face / 2]) {
+                let axes: Vec<&str> = (0..3).filter(|&k| periodic[k]).map(|k| AXES[k]).collect();
+                return self.refuse(
+                    &format!("{table}.{key}"),
+                    format!("`{key}` has no wall: the domain is periodic along {}", axes.join(" and ")),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// What is asked of the cell belongs to a periodic axis, once, and is in range.
+    pub(super) fn cell_rule(&self, table: &str, rule: &CellRule) -> Result<(), CaseError> {
+        let periodic = self.domain.periodic.0;
+        self.optional(&format!("{table}.mass"), rule.mass, Range::Positive)?;
+        self.optional(&format!("{table}.rate"), rule.rate, Range::Positive)?;
+        let mut seen = [false; 9];
+        for (kind, components) in [("gradient", &rule.gradient), ("stress", &rule.stress)] {
+            for (row, column, signal) in components.given() {
+                let name = COMPONENTS[3 * row + column];
+                let path = format!("{table}.{kind}.{name}");
+                self.signal(&path, signal)?;
+                // A period along one axis must not lean out of the planes of the walls.
+                for axis in [column, row] {
+                    if !periodic[axis] {
+                        return self.refuse(
+                            &path,
+                            format!(
+                                "the cell cannot be driven along {name}: the domain is not periodic along {}",
+                                AXES[axis]
+                            ),
+                        );
+                    }
+                }
+                if std::mem::replace(&mut seen[3 * row + column], true) {
+                    return self.refuse(
+                        &path,
+                        format!("{name} of the cell is given both as gradient and as stress"),
+                    );
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A periodic cell must be large enough for a grain to see one image of each neighbour.
+    pub(super) fn roomy(&self, cell: &Cell, grains: &Grains) -> Result<(), CaseError> {
+        let Some(period) = Period::of(cell) else { return Ok(()) };
+        let mut near = Neighbours::default();
+        near.refresh(cell, &grains.position, &grains.radius, 0.0);
+        let (height, room) = (period.height(), near.room());
+        if height >= room {
+            return Ok(());
+        }
+        Err(self
+            .source
+            .fault(
+                "domain.size",
+                format!("the periodic cell is {height:.4e} m across, these grains need at least {room:.4e} m"),
+            )
+            .hint("a grain must see one image of each neighbour only: twice the largest diameter, and room to move"))
+    }
+
+    /// Water is computed in walled boxes only.
+    pub(super) fn dry_if_periodic(&self) -> Result<(), CaseError> {
+        if self.fluid.is_some() && self.domain.periodic.0 != [false; 3] {
+            return self.refuse(
+                "fluid",
+                "the water needs walls on all sides: no axis of the domain may be periodic",
+            );
+        }
+        Ok(())
+    }
+}
