@@ -125,8 +125,9 @@ fn the_choice_of_images_does_not_matter() {
     let (model, period) = (model(0.5, 30.0), Period::of(&cell).unwrap());
     let (mut a, mut b) = (state(cell, grains), state(other, moved));
     let mut works = [Work::default(), Work::default()];
-    let mut crossing = std::collections::BTreeSet::new();
-    for _ in 0..300 {
+    let mut crossing: std::collections::BTreeSet<[u32; 2]> = Default::default();
+    // Round-off grows with every collision: few enough of them to tell.
+    for _ in 0..200 {
         step(&mut a, &model, &mut works[0]).unwrap();
         let apart = |[i, j]: [u32; 2]| a.grains.position[j as usize] - a.grains.position[i as usize];
         crossing.extend(a.contacts.pairs.iter().filter(|pair| period.nearest(apart(**pair)) != DVec3::ZERO));
@@ -136,7 +137,8 @@ fn the_choice_of_images_does_not_matter() {
     assert!(crossing.len() > 20, "{}", crossing.len());
     for (x, y) in a.grains.position.iter().zip(&b.grains.position) {
         let apart = *y - *x;
-        assert!((apart + period.nearest(apart)).length() < 1e-10);
+        let off = (apart + period.nearest(apart)).length();
+        assert!(off < 1e-10, "{off:e}");
     }
 }
 
