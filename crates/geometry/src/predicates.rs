@@ -333,8 +333,9 @@ pub(crate) fn conflict_exact(rows: &[ExactRow; 4], query: &ExactQuery, forms: &F
     for k in 0..4 {
         sum.add(sign(k), o[k], rows[k].l);
     }
-    if sum.sign() != 0 {
-        return sum.sign() > 0;
+    match sum.sign() {
+        0 => {}
+        sign => return sign > 0,
     }
     // Without a wall the sums are translation invariant: coordinates relative to the query do.
     let walled = rows.iter().any(|r| r.grain.is_none());
@@ -352,11 +353,16 @@ pub(crate) fn conflict_exact(rows: &[ExactRow; 4], query: &ExactQuery, forms: &F
                 y * (z + e[2]) + e[1] * z,
                 z * (x + e[0]) + e[2] * x,
             ];
-            let value: i128 = form.iter().zip(terms).map(|(&c, t)| i128::from(c) * t).sum();
+            // Coefficients are 0 and ±1.
+            let mut value = 0i128;
+            for (&c, t) in form.iter().zip(terms) {
+                value += if c > 0 { t } else { 0 } - if c < 0 { t } else { 0 };
+            }
             sum.add(sign(k), o[k], value);
         }
-        if sum.sign() != 0 {
-            return sum.sign() > 0;
+        match sum.sign() {
+            0 => {}
+            sign => return sign > 0,
         }
     }
     // The query coincides with a grain of the same weight: the one with the higher index is hidden.

@@ -157,7 +157,7 @@ impl<'a> View<'a> {
     /// The exact direction of a row: whole numbers.
     pub fn exact_direction(&self, vertex: u32, row: &Row) -> [i64; 3] {
         let scale = if self.is_grain(vertex) { 1.0 } else { self.reach };
-        [row.x, row.y, row.z].map(|c| (c / scale) as i64)
+        [(row.x / scale) as i64, (row.y / scale) as i64, (row.z / scale) as i64]
     }
 
     pub fn exact_row(&self, vertex: u32, row: &Row, grain: u32) -> ExactRow {
@@ -165,7 +165,8 @@ impl<'a> View<'a> {
         let d = self.exact_direction(vertex, row);
         match self.points.get(vertex as usize) {
             Some(p) => {
-                let square: i128 = d.iter().map(|&c| i128::from(c) * i128::from(c)).sum();
+                let squared = |c: i64| i128::from(c) * i128::from(c);
+                let square = squared(d[0]) + squared(d[1]) + squared(d[2]);
                 let l = square - (p[3] as i128 - query[3] as i128);
                 ExactRow { d, l, grain: Some(self.label[vertex as usize]) }
             }
@@ -201,7 +202,9 @@ impl<'a> View<'a> {
     /// The test in whole numbers, ties broken.
     #[cold]
     pub fn conflict_exactly(&self, vertex: [u32; 4], rows: &[Row; 4], grain: u32) -> bool {
-        let rows = [0, 1, 2, 3].map(|k| self.exact_row(vertex[k], &rows[k], grain));
+        // Spelled out: the compiler does not inline a closure over the array.
+        let exact = |k: usize| self.exact_row(vertex[k], &rows[k], grain);
+        let rows = [exact(0), exact(1), exact(2), exact(3)];
         // Relative to the lower walls: not negative.
         let query = self.points[grain as usize];
         let place = [0, 1, 2].map(|k| (query[k] - self.lower[k]) as i64);
