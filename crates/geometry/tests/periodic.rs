@@ -187,6 +187,36 @@ fn lattices_of_one_grain_per_period() {
     }
 }
 
+/// The pores, shifts and hidden grains are those at the central copy of 27.
+fn equal_to_tiled(cell: &Cell, x: &[DVec3], r: &[f64]) {
+    let n = x.len();
+    let t = Triangulation::new(cell, x, r).unwrap();
+    complex(cell, x, &t);
+    let shifts: Vec<[i64; 3]> = (0..27).map(|c| [c % 3 - 1, c / 3 % 3 - 1, c / 9 - 1]).collect();
+    let tiled: Vec<DVec3> = shifts
+        .iter()
+        .flat_map(|s| x.iter().map(|p| *p + cell.edges * DVec3::new(s[0] as f64, s[1] as f64, s[2] as f64)))
+        .collect();
+    let big = Triangulation::new(&Cell::walled(DVec3::splat(-8.0), DVec3::splat(8.0)), &tiled, &r.repeat(27))
+        .unwrap();
+    // Pores of the tiled sample at the central copy.
+    let central = 13 * n as u32..14 * n as u32;
+    let of = |v: u32| (v % n as u32, shifts[v as usize / n]);
+    let a: BTreeSet<Vec<Image>> = big
+        .pores
+        .iter()
+        .filter(|p| p.iter().any(|v| central.contains(v)))
+        .map(|p| normal(p.iter().map(|&v| of(v))))
+        .collect();
+    let b: BTreeSet<Vec<Image>> =
+        (0..t.pores.len()).map(|p| normal((0..4).map(|k| image(&t, p, k)))).collect();
+    assert_eq!(b.len(), t.pores.len(), "every pore appears once");
+    assert!(a == b);
+    let hidden: Vec<u32> =
+        big.hidden.iter().filter(|v| central.contains(v)).map(|v| v - central.start).collect();
+    assert_eq!(t.hidden, hidden);
+}
+
 /// Larger samples go through the torus; compare with images only by tiling.
 #[test]
 fn equal_to_the_sample_tiled_three_times() {
@@ -204,37 +234,21 @@ fn equal_to_the_sample_tiled_three_times() {
             };
             let n = x.len();
             let r = if trial == 2 { vec![0.0625; n] } else { radii(&mut dice, n, 0.06) };
-            let t = Triangulation::new(&cell, &x, &r).unwrap();
-            complex(&cell, &x, &t);
-            let shifts: Vec<[i64; 3]> = (0..27).map(|c| [c % 3 - 1, c / 3 % 3 - 1, c / 9 - 1]).collect();
-            let tiled: Vec<DVec3> = shifts
-                .iter()
-                .flat_map(|s| {
-                    x.iter().map(|p| *p + cell.edges * DVec3::new(s[0] as f64, s[1] as f64, s[2] as f64))
-                })
-                .collect();
-            let big = Triangulation::new(
-                &Cell::walled(DVec3::splat(-8.0), DVec3::splat(8.0)),
-                &tiled,
-                &r.repeat(27),
-            )
-            .unwrap();
-            // Pores of the tiled sample at the central copy.
-            let central = 13 * n as u32..14 * n as u32;
-            let of = |v: u32| (v % n as u32, shifts[v as usize / n]);
-            let a: BTreeSet<Vec<Image>> = big
-                .pores
-                .iter()
-                .filter(|p| p.iter().any(|v| central.contains(v)))
-                .map(|p| normal(p.iter().map(|&v| of(v))))
-                .collect();
-            let b: BTreeSet<Vec<Image>> =
-                (0..t.pores.len()).map(|p| normal((0..4).map(|k| image(&t, p, k)))).collect();
-            assert_eq!(b.len(), t.pores.len(), "every pore appears once");
-            assert!(a == b);
-            let hidden: Vec<u32> =
-                big.hidden.iter().filter(|v| central.contains(v)).map(|v| v - central.start).collect();
-            assert_eq!(t.hidden, hidden);
+            equal_to_tiled(&cell, &x, &r);
+        }
+    }
+}
+
+#[test]
+#[ignore = "long: 200 samples around the size at which the torus begins"]
+fn equal_to_the_sample_tiled_where_the_torus_begins() {
+    let mut dice = Dice(17);
+    for trial in 0..100 {
+        for cell in [cube(), sheared()] {
+            let n = 60 + 12 * trial;
+            let x = cloud(&mut dice, &cell, n);
+            let largest = [0.0, 0.03, 0.1][trial % 3];
+            equal_to_tiled(&cell, &x, &radii(&mut dice, n, largest));
         }
     }
 }
