@@ -240,6 +240,8 @@ pub enum What {
     Dry,
     /// The step with water.
     Coupled,
+    /// The step with water on a coarse grid.
+    Coarse,
     /// One permeability.
     Permeability,
 }

@@ -26,6 +26,7 @@ pub fn bench(arguments: &Bench) -> Outcome {
     match arguments.what {
         What::Dry => dry(arguments, &cell, spheres),
         What::Coupled => coupled(arguments, &cell, spheres),
+        What::Coarse => coarse(arguments, &cell, spheres),
         What::Permeability => permeability(arguments, &cell, &spheres),
     }
 }
@@ -75,6 +76,24 @@ fn coupled(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
         cost.dt,
         cost.limit,
         cost.viscous_number
+    );
+    say_phases(&cost.phases);
+    serde_json::to_value(&cost).map(Some).map_err(failed)
+}
+
+/// Consolidates the packing on a coarse grid and times the step.
+fn coarse(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
+    let domain = Domain::walled(cell.origin, cell.upper());
+    let steps = arguments.steps.unwrap_or(STEPS) as usize;
+    let cost = bench::coarse(spheres.position, spheres.radius, domain, steps).map_err(failed)?;
+    eprintln!(
+        "{:.3e} s per step, the water {:.0} % of the dry {:.3e} s; {} grains, {} cells, {:.2} iterations per step",
+        cost.seconds_per_step,
+        100.0 * cost.water_over_dry,
+        cost.dry_seconds_per_step,
+        cost.grains,
+        cost.cells,
+        cost.iterations_per_step
     );
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)

@@ -12,14 +12,27 @@ struct Example {
     files: &'static [(&'static str, &'static str)],
 }
 
-const EXAMPLES: &[Example] = &[Example {
-    name: "01-oedometer",
-    about: "saturated grains under a piston: consolidation against Terzaghi's theory (case.toml, quick.toml)",
-    files: &[
-        ("case.toml", include_str!("../../examples/01-oedometer/case.toml")),
-        ("quick.toml", include_str!("../../examples/01-oedometer/quick.toml")),
-    ],
-}];
+const EXAMPLES: &[Example] = &[
+    Example {
+        name: "01-oedometer",
+        about: "saturated grains under a piston: consolidation against Terzaghi's theory (case.toml, quick.toml)",
+        files: &[
+            ("case.toml", include_str!("../../examples/01-oedometer/case.toml")),
+            ("quick.toml", include_str!("../../examples/01-oedometer/quick.toml")),
+        ],
+    },
+    Example {
+        name: "20-seepage-column",
+        about: "50 discs in water on a grid settle, and swell as water is pushed in from below (Goodarzi et al. 2013)",
+        files: &[
+            ("case.toml", include_str!("../../examples/20-seepage-column/case.toml")),
+            ("column.csv", include_str!("../../examples/20-seepage-column/column.csv")),
+            ("README.md", include_str!("../../examples/20-seepage-column/README.md")),
+            ("uplift.svg", include_str!("../../examples/20-seepage-column/uplift.svg")),
+            ("pressure.svg", include_str!("../../examples/20-seepage-column/pressure.svg")),
+        ],
+    },
+];
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.
 const CHOICES: &[(&str, &[(&str, &str)])] = &[
@@ -40,7 +53,11 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
     ),
     (
         "boundary rules, water",
-        &[("sealed", "no flow through the face"), ("pressure", "the excess pressure is given")],
+        &[
+            ("sealed", "no flow through the face"),
+            ("pressure", "the excess pressure is given"),
+            ("inflow", "what comes in per area is given"),
+        ],
     ),
     (
         "boundary rules, slip",

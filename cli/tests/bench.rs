@@ -38,6 +38,15 @@ fn the_coupled_step_is_timed_on_a_packing_that_consolidates() {
 }
 
 #[test]
+fn the_step_with_coarse_water_is_timed() {
+    let cost = bench("coarse", &["--steps", "40"]);
+    let number = |key: &str| cost[key].as_f64().unwrap_or_else(|| panic!("no number {key} in {cost}"));
+    assert_eq!((number("grains"), number("steps")), (5000.0, 40.0));
+    assert!((number("grains") / number("cells") / 8.0 - 1.0).abs() < 0.2, "{cost}");
+    assert!(number("settlement") > 0.0 && number("settlement") < 1e-4, "{cost}");
+}
+
+#[test]
 fn a_permeability_is_timed_in_parts() {
     let cost = bench("permeability", &["--steps", "1"]);
     let seconds = |part: &str| cost["seconds"][part].as_f64().unwrap();

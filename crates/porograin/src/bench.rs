@@ -1,8 +1,10 @@
 //! What `porograin bench` measures, on a packing given by its centres and radii.
 
+mod coarse;
 mod coupled;
 mod dry;
 
+pub use coarse::{CoarseBench, coarse};
 pub use coupled::{BenchError, CoupledBench, coupled};
 pub use dry::{DryBench, dry, dry_model, grown, hertz_mindlin, linear};
 

@@ -121,6 +121,8 @@ pub enum Water {
     Sealed,
     /// The excess pressure is imposed [Pa].
     Pressure(Signal),
+    /// Water comes in at this rate per area of the face [m/s], the specific discharge; it leaves where negative.
+    Inflow(Signal),
 }
 
 /// Whether the water slides along a wall freely or sticks to it.

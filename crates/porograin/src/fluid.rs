@@ -276,7 +276,7 @@ pub fn advance(
     let time = state.time - model.stage_start;
     let held = std::array::from_fn(|face| match &model.faces[face].water {
         Water::Pressure(signal) => signal.at(time),
-        Water::Sealed => 0.0,
+        Water::Sealed | Water::Inflow(_) => 0.0,
     });
     mesh.hold(&held, &mut water.pressure);
     let pressure = &mut water.pressure;
@@ -313,7 +313,7 @@ pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
 /// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
 pub fn add(loads: &mut Loads, state: &State, scratch: &mut Scratch) {
     if let Some(water) = state.grid() {
-        darcy::add(loads, water, &state.grains, &mut scratch.darcy);
+        darcy::add(loads, water, &mut scratch.darcy);
     }
     if let (Some(made), Some(water)) = (&scratch.made, state.pores()) {
         push(loads, &made.mesh, &water.pressure);

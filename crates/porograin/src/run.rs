@@ -148,6 +148,11 @@ impl Simulation {
         &self.stages
     }
 
+    /// Mean excess pressure at 13 heights from bottom to top [Pa], after a step with water.
+    pub fn profile(&self) -> Option<[f64; 13]> {
+        self.work.fluid.profile(&self.state, 2)
+    }
+
     /// What the current stage reads.
     pub fn model(&self) -> &Model {
         &self.model

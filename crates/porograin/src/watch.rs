@@ -53,6 +53,8 @@ pub enum Measure {
     Size,
     /// How far the top face has come down since the stage began.
     Settlement,
+    /// Height of the highest point of all grains.
+    Surface,
     /// Mean resultant on a grain over mean contact force (Catalano 2.16).
     Unbalanced,
     /// Normal stress on each face, grains and water together.
@@ -84,10 +86,11 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 15] = [
+    pub const ALL: [Measure; 16] = [
         Measure::Porosity,
         Measure::Size,
         Measure::Settlement,
+        Measure::Surface,
         Measure::Unbalanced,
         Measure::FaceStress,
         Measure::Stress,
@@ -121,6 +124,7 @@ impl Measure {
             Measure::Porosity => "void part of the box",
             Measure::Size => "lengths of the box",
             Measure::Settlement => "how far the top face has come down since the stage began",
+            Measure::Surface => "height of the highest point of all grains",
             Measure::Unbalanced => "mean resultant on a grain over mean contact force",
             Measure::FaceStress => {
                 "normal stress on each face, grains and water together, compression positive"
@@ -157,6 +161,7 @@ impl Measure {
             Measure::Porosity => list(&["porosity [-]"]),
             Measure::Size => list(&["size_x [m]", "size_y [m]", "size_z [m]"]),
             Measure::Settlement => list(&["settlement [m]"]),
+            Measure::Surface => list(&["surface [m]"]),
             Measure::Unbalanced => list(&["unbalanced [-]"]),
             Measure::FaceStress => faces("stress", "Pa"),
             Measure::Contacts => list(&["contacts [-]", "coordination [-]", "rattlers [-]"]),
@@ -214,6 +219,10 @@ impl Measure {
             Measure::Porosity => vec![measure::porosity(now.state)],
             Measure::Size => (domain.cell.upper() - domain.cell.origin).to_array().to_vec(),
             Measure::Settlement => vec![now.began.settlement(now.state)],
+            Measure::Surface => {
+                let tops = grains.position.iter().zip(&grains.radius).map(|(x, r)| x.z + r);
+                vec![tops.fold(f64::NEG_INFINITY, f64::max)]
+            }
             Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
             Measure::FaceStress => measure::wall_stress(domain).to_vec(),
             Measure::Contacts => {

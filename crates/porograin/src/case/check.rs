@@ -201,6 +201,7 @@ impl Case {
             }
             self.until(k)?;
             self.sealed(k)?;
+            self.inflow(k)?;
             if stage.consolidation && self.model(k, 0.0).fluid.is_none() {
                 return self.refuse(
                     &at("consolidation"),
@@ -233,6 +234,35 @@ impl Case {
                 &at("stress-error"),
                 format!("the stage `{name}` waits for the stress of servo walls, but no face has one"),
             );
+        }
+        Ok(())
+    }
+
+    /// An inflow needs a grid, and an opening unless the water is compressible.
+    fn inflow(&self, k: usize) -> Result<(), CaseError> {
+        let model = self.model(k, 0.0);
+        let Some(fluid) = &model.fluid else { return Ok(()) };
+        if !model.faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
+            return Ok(());
+        }
+        let name = &self.stage[k].name;
+        if matches!(fluid.flow, Flow::Pores(_)) {
+            let sentence =
+                format!("in the stage `{name}` water comes in at a given rate: the pores cannot do that");
+            return Err(self
+                .source
+                .fault(&format!("stage.{k}"), sentence)
+                .hint("compute the flow on a grid: flow = { darcy = {} }"));
+        }
+        let open = model.faces.iter().any(|face| matches!(face.water, Water::Pressure(_)));
+        if fluid.bulk_modulus.is_none() && !open {
+            let sentence = format!(
+                "in the stage `{name}` water comes in at a given rate, but it is incompressible and no face has a pressure"
+            );
+            return Err(self
+                .source
+                .fault(&format!("stage.{k}"), sentence)
+                .hint("give another face water = { pressure = 0.0 }"));
         }
         Ok(())
     }
@@ -291,8 +321,10 @@ impl Case {
                 }
                 Some(Solid::Fixed) | None => {}
             }
-            if let Some(Water::Pressure(signal)) = &rule.water {
-                self.signal(&at("water.pressure"), signal)?;
+            match &rule.water {
+                Some(Water::Pressure(signal)) => self.signal(&at("water.pressure"), signal)?,
+                Some(Water::Inflow(signal)) => self.signal(&at("water.inflow"), signal)?,
+                Some(Water::Sealed) | None => {}
             }
         }
         Ok(())

@@ -1,7 +1,6 @@
 //! The drag on grains that move against the mean of their cell.
 
 use super::grid::Grid;
-use crate::grains::Grains;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -17,21 +16,27 @@ pub struct Resistance {
 }
 
 impl Resistance {
-    /// Takes the mean velocity of every cell.
-    pub fn feel(&mut self, grid: &Grid, grains: &Grains, velocity: &[DVec3], kick: f64) {
-        let density = (grains.mass.iter().zip(&grains.radius))
-            .map(|(mass, &radius)| mass / grains.shape.volume(radius))
-            .fold(f64::INFINITY, f64::min);
+    /// Takes the mean velocity of every cell. Each sums its grains in rising order, gathered or scattered.
+    pub fn feel(&mut self, grid: &Grid, velocity: &[DVec3], kick: f64) {
+        self.cells.clear();
         self.cells.resize(grid.census.cells, [DVec3::ZERO; 2]);
-        self.cells.par_iter_mut().with_min_len(64).enumerate().for_each(|(cell, [mean, resistance])| {
-            let sum: DVec3 = grid.of_cells.row(cell).map(|(k, part)| part * velocity[k]).sum();
+        if rayon::current_num_threads() == 1 {
+            for (k, &v) in velocity.iter().enumerate() {
+                grid.in_cells.row(k).for_each(|(cell, part)| self.cells[cell][0] += part * v);
+            }
+        } else {
+            self.cells.par_iter_mut().with_min_len(64).enumerate().for_each(|(cell, [sum, _])| {
+                *sum = grid.of_cells.row(cell).fold(DVec3::ZERO, |sum, (k, part)| sum + part * velocity[k]);
+            });
+        }
+        for (cell, [mean, resistance]) in self.cells.iter_mut().enumerate() {
             let solid = grid.solid[cell];
             if solid > 0.0 {
                 let n = grid.porosity[cell];
                 let viscous = n * n / (1.0 - n) / grid.mobility[cell];
-                (*mean, *resistance) = (sum / solid, viscous / (1.0 + kick / density * viscous));
+                (*mean, *resistance) = (*mean / solid, viscous / (1.0 + kick / grid.density * viscous));
             }
-        });
+        }
     }
 
     /// The force on grain `k` at a velocity [N].

@@ -121,6 +121,8 @@ pub struct Grid {
     pub diameter: Vec<f64>,
     /// Volume of grains in each cell [m³].
     pub solid: Vec<f64>,
+    /// Least density of a grain [kg/m³].
+    pub density: f64,
     /// Permeability over viscosity, along each axis, of each cell [m²/(Pa s)].
     pub mobility: Vec<DVec3>,
     /// The two nodes of each link, in the direction of its axis. Nodes are cells, then walls faces in the order of links.
@@ -175,6 +177,9 @@ impl Grid {
             porosity: Vec::with_capacity(cells),
             diameter: Vec::with_capacity(cells),
             solid: Vec::new(),
+            density: (grains.mass.iter().zip(&grains.radius))
+                .map(|(mass, &radius)| mass / grains.shape.volume(radius))
+                .fold(f64::INFINITY, f64::min),
             mobility: Vec::with_capacity(cells),
             ends: Vec::new(),
             axis_start: [0; 4],

@@ -50,7 +50,7 @@ impl Default for Darcy {
             permeability: Permeability::default(),
             drag: Drag::default(),
             renew: 0.02,
-            residual: 1e-10,
+            residual: 1e-6,
         }
     }
 }
@@ -106,8 +106,11 @@ pub struct Scratch {
     made: Option<(u64, Grid)>,
     system: Option<(u64, System)>,
     velocity: Vec<DVec3>,
-    force: Vec<DVec3>,
-    drag: Resistance,
+    /// Force of the pressures of the state on each grain; empty until known.
+    pressed: Vec<DVec3>,
+    resistance: Resistance,
+    /// Drag on each grain in this step.
+    dragged: Vec<DVec3>,
     imposed: Vec<f64>,
     /// What the last step did to the water.
     pub flows: Flows,
@@ -244,6 +247,7 @@ fn make(state: &GridState, grains: &Grains, scratch: &mut Scratch) {
     };
     scratch.made = Some((state.made_at_step, Grid::new(&then, &plan)));
     scratch.system = None;
+    scratch.pressed.clear();
 }
 
 /// Number of cells along each axis in a box of this size [m].
@@ -407,19 +411,30 @@ pub fn advance(
     time: f64,
     scratch: &mut Scratch,
 ) -> Result<Info, Error> {
-    let Scratch { made, system, velocity, force, drag, imposed, flows } = scratch;
+    let Scratch { made, system, velocity, pressed, resistance, dragged, imposed, flows } = scratch;
     let Some((at, grid)) = made else { return Err(Error::Memory) };
     let grains = around.grains;
-    force.clone_from(&loads.force);
-    pressure::add_force(grid, &state.pressure, force);
-    kicked(grains, force, terms.kick, velocity);
-    drag.feel(grid, grains, velocity, terms.kick);
+    if pressed.len() != grains.len() {
+        pressed.resize(grains.len(), DVec3::ZERO);
+        pressure::force(grid, &state.pressure, pressed);
+    }
+    velocity.resize(grains.len(), DVec3::ZERO);
     velocity.par_iter_mut().with_min_len(1024).enumerate().for_each(|(k, v)| {
-        *v += terms.kick / grains.mass[k] * drag.on(grid, k, *v);
+        *v = grains.velocity[k] + terms.kick / grains.mass[k] * (loads.force[k] + pressed[k]);
     });
+    resistance.feel(grid, velocity, terms.kick);
+    dragged.resize(grains.len(), DVec3::ZERO);
+    (velocity.par_iter_mut(), dragged.par_iter_mut())
+        .into_par_iter()
+        .with_min_len(1024)
+        .enumerate()
+        .for_each(|(k, (v, force))| {
+            *force = resistance.on(grid, k, *v);
+            *v += terms.kick / grains.mass[k] * *force;
+        });
     imposed.clear();
     imposed.extend(grid.wall_face.iter().map(|&face| match &around.faces[face as usize].water {
-        Water::Pressure(signal) => signal.at(time),
+        Water::Pressure(signal) | Water::Inflow(signal) => signal.at(time),
         Water::Sealed => 0.0,
     }));
     if system.as_ref().is_none_or(|(made_at, system)| made_at != at || system.terms != terms) {
@@ -472,27 +487,15 @@ pub fn permeability_along(settings: &Darcy, around: &Around, axis: usize) -> Res
 /// Adds the forces of the pressures on grains and walls, and the drag of grains that move against the mean of their
 /// cell: together Goodarzi's (8), `[beta/(1 - n) (v - v_p) - grad p] V_p` with `v = v_s + w/n`, v_s the mean velocity of
 /// the grains, as `beta w/n = -n grad p`.
-pub fn add(loads: &mut Loads, state: &GridState, grains: &Grains, scratch: &mut Scratch) {
-    let Scratch { made: Some((_, grid)), system: Some((_, system)), velocity, drag, .. } = scratch else {
+pub fn add(loads: &mut Loads, state: &GridState, scratch: &mut Scratch) {
+    let Scratch { made: Some((_, grid)), system: Some((_, system)), pressed, dragged, .. } = scratch else {
         return;
     };
-    let Terms { kick, open, .. } = system.terms;
-    pressure::add_force(grid, &state.pressure, &mut loads.force);
-    for (sum, force) in loads.wall.iter_mut().zip(pressure::wall_force(grid, &state.pressure, &open)) {
+    pressure::force(grid, &state.pressure, pressed);
+    let walls = pressure::wall_force(grid, &state.pressure, &system.terms.open);
+    for (sum, force) in loads.wall.iter_mut().zip(walls) {
         *sum += force;
     }
-    kicked(grains, &loads.force, kick, velocity);
-    drag.feel(grid, grains, velocity, kick);
-    let velocity = &*velocity;
-    loads.force.par_iter_mut().with_min_len(1024).enumerate().for_each(|(k, force)| {
-        *force += drag.on(grid, k, velocity[k]);
-    });
-}
-
-/// Velocities after a kick [s] by the forces.
-fn kicked(grains: &Grains, force: &[DVec3], kick: f64, out: &mut Vec<DVec3>) {
-    out.resize(grains.len(), DVec3::ZERO);
-    out.par_iter_mut().with_min_len(1024).enumerate().for_each(|(k, v)| {
-        *v = grains.velocity[k] + kick / grains.mass[k] * force[k];
-    });
+    let forces = pressed.iter().zip(&*dragged);
+    loads.force.iter_mut().zip(forces).for_each(|(sum, (pressed, dragged))| *sum += *pressed + *dragged);
 }

@@ -241,31 +241,48 @@ fn inner(grid: &Grid, link: usize) -> usize {
 }
 
 /// `Sᵀ v`: the volume of solid and water together that moving grains carry along each link [m³/s].
+///
+/// Each link sums its grains in rising order, whether they are gathered (threads) or scattered (one thread).
 fn carried(grid: &Grid, velocity: &[DVec3], out: &mut [f64]) {
+    if rayon::current_num_threads() == 1 {
+        out.fill(0.0);
+        for axis in 0..3 {
+            let out = &mut out[grid.links(axis)];
+            if !out.is_empty() {
+                for (k, v) in velocity.iter().enumerate() {
+                    let along = v[axis];
+                    for (link, weight) in grid.in_links[axis].row(k) {
+                        out[link] += weight * along;
+                    }
+                }
+            }
+        }
+        out.iter_mut().zip(&grid.area).for_each(|(out, area)| *out *= area);
+        return;
+    }
     for axis in 0..3 {
         let (links, shares) = (grid.links(axis), &grid.of_links[axis]);
         let area = &grid.area[links.clone()];
         out[links].par_iter_mut().with_min_len(256).enumerate().for_each(|(link, out)| {
-            let mean: f64 = shares.row(link).map(|(k, weight)| weight * velocity[k][axis]).sum();
-            *out = area[link] * mean;
+            let mean = shares.row(link).fold(0.0, |sum, (k, weight)| sum + weight * velocity[k][axis]);
+            *out = mean * area[link];
         });
     }
 }
 
-/// `S p`: adds the force of the pressures [Pa] to the grains [N].
-pub fn add_force(grid: &Grid, pressure: &[f64], force: &mut [DVec3]) {
+/// `S p`: the force of the pressures [Pa] on each grain [N].
+pub fn force(grid: &Grid, pressure: &[f64], force: &mut [DVec3]) {
     let pull: Vec<f64> = (grid.ends.iter().zip(&grid.area))
         .map(|(&[low, high], area)| area * (pressure[low as usize] - pressure[high as usize]))
         .collect();
     let pull: [&[f64]; 3] = std::array::from_fn(|axis| &pull[grid.links(axis)]);
     force.par_iter_mut().with_min_len(1024).enumerate().for_each(|(k, force)| {
-        for axis in 0..3 {
-            if !pull[axis].is_empty() {
-                let sum: f64 =
-                    grid.in_links[axis].row(k).map(|(link, weight)| weight * pull[axis][link]).sum();
-                force[axis] += sum;
+        *force = DVec3::from_array(std::array::from_fn(|axis| {
+            if pull[axis].is_empty() {
+                return 0.0;
             }
-        }
+            grid.in_links[axis].row(k).fold(0.0, |sum, (link, weight)| sum + weight * pull[axis][link])
+        }));
     });
 }
 

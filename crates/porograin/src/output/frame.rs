@@ -28,7 +28,7 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         mesh.add_loads(pressure, &mut water);
     }
     if let Some((grid, pressure)) = now.grid() {
-        darcy::pressure::add_force(grid, pressure, &mut water.force);
+        darcy::pressure::force(grid, pressure, &mut water.force);
     }
     let fluid_force = vectors(&water.force);
     let stress = measure::grain_stress(now.state, now.model);

@@ -1,0 +1,92 @@
+//! The cost of the step with coarse water: a packing consolidates on a grid.
+
+use super::{DENSITY, dry, timed};
+use crate::boundary::{Domain, Signal, Solid, Water};
+use crate::darcy::{Census, Darcy};
+use crate::measure::{porosity, wall_stress};
+use crate::model::{Flow, FluidModel};
+use crate::state::State;
+use crate::step::StepError;
+use glam::DVec3;
+use serde::Serialize;
+
+/// The cost of the step with coarse water.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CoarseBench {
+    /// Number of grains.
+    pub grains: usize,
+    /// Cells of the grid.
+    pub cells: usize,
+    /// Steps timed.
+    pub steps: usize,
+    /// Median time of a step [s].
+    pub seconds_per_step: f64,
+    /// Median time of a dry step of the same packing, measured just before [s].
+    pub dry_seconds_per_step: f64,
+    /// The first less the second, over the second: what the water costs.
+    pub water_over_dry: f64,
+    /// Share of each phase, by the names of the step's page.
+    pub phases: Vec<(&'static str, f64)>,
+    /// Mean number of iterations of the pressure solve.
+    pub iterations_per_step: f64,
+    /// Viscosity of the water [Pa s].
+    pub viscosity: f64,
+    /// How much the top has sunk by the end [m].
+    pub settlement: f64,
+}
+
+/// What the top servo adds to the stress the packing has already [Pa].
+const LOAD: f64 = 1e3;
+/// `dt mu / (k rho)`, as in the benchmark of the pores.
+const VISCOUS_NUMBER: f64 = 0.2;
+
+/// Consolidates a packing (centres and radii [m], in any order) as the benchmark of the pores does, with eight grains
+/// per cell of the grid and all defaults.
+///
+/// # Errors
+/// Whatever stops a step.
+pub fn coarse(
+    position: Vec<DVec3>,
+    radius: Vec<f64>,
+    domain: Domain,
+    steps: usize,
+) -> Result<CoarseBench, StepError> {
+    rayon::scope(|_| consolidate(&mut dry::at_rest(position, radius, domain), steps))
+}
+
+fn consolidate(state: &mut State, steps: usize) -> Result<CoarseBench, StepError> {
+    let held = dry::hold(state, dry::linear(), steps)?;
+    let settings = Darcy::default();
+    let diameter = 2.0 * state.grains.radius.iter().sum::<f64>() / state.grains.len() as f64;
+    let permeability = settings.permeability.of(porosity(state), diameter).z;
+    let viscosity = VISCOUS_NUMBER * permeability * DENSITY / state.dt;
+    let mut model = dry::dry_model();
+    model.damping = 0.0;
+    let stress = Signal::Constant(wall_stress(&state.domain)[5] + LOAD);
+    model.faces[5].solid = Solid::Servo { stress, mass: None, speed: None };
+    for face in [4, 5] {
+        model.faces[face].water = Water::Pressure(Signal::Constant(0.0));
+    }
+    model.fluid =
+        Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Darcy(settings) });
+    state.grains.velocity.fill(DVec3::ZERO);
+    state.grains.spin.fill(DVec3::ZERO);
+    state.dt = 0.0;
+    let top = state.domain.cell.upper().z;
+    let timed = timed(state, &model, steps)?;
+    let water: Vec<_> = timed.reports.iter().filter_map(|report| report.water).collect();
+    let Census { cells, .. } = timed.work.fluid.darcy.grid().map_or_else(Census::default, |grid| grid.census);
+    Ok(CoarseBench {
+        grains: state.grains.len(),
+        cells,
+        steps: timed.reports.len(),
+        seconds_per_step: timed.seconds_per_step,
+        dry_seconds_per_step: held.seconds_per_step,
+        water_over_dry: timed.seconds_per_step / held.seconds_per_step - 1.0,
+        phases: timed.phases,
+        iterations_per_step: water.iter().map(|w| w.iterations as f64).sum::<f64>()
+            / water.len().max(1) as f64,
+        viscosity,
+        settlement: top - state.domain.cell.upper().z,
+    })
+}
