@@ -156,7 +156,7 @@ pub struct Bench {
         long,
         value_name = "GRAINS.csv",
         requires = "corners",
-        required_unless_present = "packing",
+        required_unless_present_any = ["packing", "max"],
         conflicts_with = "packing"
     )]
     pub grains: Option<PathBuf>,
@@ -169,6 +169,9 @@ pub struct Bench {
     /// How many grains to make.
     #[arg(long, value_name = "N", value_parser = at_least_one)]
     pub count: Option<usize>,
+    /// The largest packing of `solvers`: 2000, 4000, … 256000 and 1000000 grains up to this.
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub max: Option<usize>,
     /// Contact law of the dry step.
     #[arg(long, value_enum, default_value = "linear")]
     pub law: Law,
@@ -231,6 +234,7 @@ pub enum Solver {
     Auto,
     Cholesky,
     Cg,
+    GaussSeidel,
 }
 
 /// What to time.
@@ -244,6 +248,8 @@ pub enum What {
     Coarse,
     /// One permeability.
     Permeability,
+    /// Every solver on packings of growing size, beside the thesis' Table 5.1.
+    Solvers,
 }
 
 impl Command {

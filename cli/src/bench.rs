@@ -18,6 +18,9 @@ const REPEATS: u64 = 3;
 /// `porograin bench`.
 pub fn bench(arguments: &Bench) -> Outcome {
     threads(Some(arguments.threads))?;
+    if let What::Solvers = arguments.what {
+        return solvers(arguments);
+    }
     let (cell, spheres) = match (&arguments.grains, arguments.corners, arguments.count) {
         (Some(grains), Some(corners), _) => packing(grains, corners)?,
         (_, _, Some(count)) => bench::grown(count).map_err(failed)?,
@@ -27,7 +30,7 @@ pub fn bench(arguments: &Bench) -> Outcome {
         What::Dry => dry(arguments, &cell, spheres),
         What::Coupled => coupled(arguments, &cell, spheres),
         What::Coarse => coarse(arguments, &cell, spheres),
-        What::Permeability => permeability(arguments, &cell, &spheres),
+        What::Permeability | What::Solvers => permeability(arguments, &cell, &spheres),
     }
 }
 
@@ -97,6 +100,45 @@ fn coarse(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     );
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)
+}
+
+/// Every solver on packings of growing size.
+fn solvers(arguments: &Bench) -> Outcome {
+    let max =
+        arguments.max.ok_or_else(|| Failure::Input("give --max, the largest number of grains".into()))?;
+    eprintln!(
+        "   grains    pores   triangulation conductance | solver        set-up    solve iterations      MB flux error | thesis \
+         (Gauss-Seidel, PARDISO, TAUCS)"
+    );
+    let mut all = Vec::new();
+    for grains in bench::sizes(max) {
+        let size = bench::solvers(grains).map_err(failed)?;
+        for (k, s) in size.solvers.iter().enumerate() {
+            let name = serde_json::to_value(s.solver).map_err(failed)?;
+            match k {
+                0 => eprint!(
+                    "{:9} {:8} {:11.3} s {:9.3} s |",
+                    size.grains, size.pores, size.triangulation, size.conductance
+                ),
+                _ => eprint!("{:44}|", ""),
+            }
+            eprint!(
+                " {:12} {:7.3} s {:7.3} s {:8} {:9.1} {:9.1e} |",
+                name.as_str().unwrap_or_default(),
+                s.setup,
+                s.solve,
+                s.iterations,
+                s.bytes as f64 / 1e6,
+                s.flux_error
+            );
+            match size.thesis.filter(|_| k == 0) {
+                Some(t) => eprintln!(" {} s, {} s, {} s", t.gauss_seidel, t.pardiso, t.taucs),
+                None => eprintln!(),
+            }
+        }
+        all.push(size);
+    }
+    serde_json::to_value(&all).map(Some).map_err(failed)
 }
 
 /// Measures a few times and keeps the fastest.

@@ -86,7 +86,15 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
             ("implicit", "together with the velocities after the step"),
         ],
     ),
-    ("solvers", &[("auto", "by size"), ("cholesky", "sparse factorisation"), ("cg", "conjugate gradients")]),
+    (
+        "solvers",
+        &[
+            ("auto", "by size"),
+            ("cholesky", "sparse factorisation"),
+            ("cg", "conjugate gradients"),
+            ("gauss-seidel", "sweeps, the baseline of the thesis: slow"),
+        ],
+    ),
     (
         "actions on trouble",
         &[("ignore", "nothing"), ("warn", "say so, once in a stage"), ("stop", "say so and stop the run")],

@@ -59,6 +59,7 @@ fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
             arguments::Solver::Auto => Solver::Auto,
             arguments::Solver::Cholesky => Solver::Cholesky,
             arguments::Solver::Cg => Solver::Cg,
+            arguments::Solver::GaussSeidel => Solver::GaussSeidel,
         },
         residual: RESIDUAL,
     })

@@ -3,10 +3,12 @@
 mod coarse;
 mod coupled;
 mod dry;
+mod solvers;
 
 pub use coarse::{CoarseBench, coarse};
 pub use coupled::{BenchError, CoupledBench, coupled};
 pub use dry::{DryBench, dry, dry_model, grown, hertz_mindlin, linear};
+pub use solvers::{SizeBench, SolverBench, Thesis, sizes, solvers};
 
 use crate::model::Model;
 use crate::state::State;

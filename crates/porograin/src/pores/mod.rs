@@ -101,6 +101,8 @@ pub enum Solver {
     Cholesky,
     /// Preconditioned conjugate gradients.
     Cg,
+    /// Over-relaxed Gauss-Seidel sweeps, the baseline of the thesis: slow.
+    GaussSeidel,
 }
 
 impl Solver {
@@ -110,6 +112,7 @@ impl Solver {
             Solver::Auto => porograin_linear::Method::Auto,
             Solver::Cholesky => porograin_linear::Method::Cholesky,
             Solver::Cg => porograin_linear::Method::ConjugateGradients,
+            Solver::GaussSeidel => porograin_linear::Method::GaussSeidel,
         }
     }
 }

@@ -4,6 +4,9 @@
 use super::mesh::Mesh;
 use porograin_linear::{Error, FIXED, Info, Matrix, Method, Params, Solver};
 
+/// Gauss-Seidel gives up after so many sweeps; their number grows with that of the grains.
+const MOST_SWEEPS: usize = 100_000;
+
 /// The linear system of a mesh.
 pub struct System {
     pub(super) matrix: Matrix,
@@ -38,7 +41,10 @@ impl System {
                 *place = mesh.centre[pore];
             }
         }
-        let params = Params { method, tolerance: residual, expected_solves, ..Params::default() };
+        let mut params = Params { method, tolerance: residual, expected_solves, ..Params::default() };
+        if method == Method::GaussSeidel {
+            params.max_iterations = MOST_SWEEPS;
+        }
         let solver = Solver::new(&matrix, &params, Some(&position))?;
         Ok(System {
             matrix,
