@@ -12,14 +12,14 @@ mod periodic;
 mod source;
 mod stage;
 
-pub use build::{Plan, Stage};
+pub use build::{Plan, Stage, at};
 pub use error::{CaseError, Place, nearest};
 pub use implied::{Implied, ImpliedStage, ImpliedWater};
 pub use material::{Material, Pair};
 pub use periodic::Periodic;
 pub use stage::{StageTable, Until, Water as StageWater};
 
-use crate::boundary::{FACE_NAMES, Face, Slip, Solid, Water};
+use crate::boundary::{FACE_NAMES, Face, Signal, Slip, Solid, Water};
 use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::model::{FluidModel, TimeStep};
@@ -54,8 +54,8 @@ pub struct Case {
     /// What drives the periodic cell; stages may replace it.
     pub cell: Option<CellRule>,
     /// Acceleration [m/s²].
-    #[serde(default)]
-    pub gravity: [f64; 3],
+    #[serde(default = "weightless")]
+    pub gravity: [Signal; 3],
     /// Cundall's local damping, from 0 to 1; by default 0.2 in dry stages and 0 with water.
     pub damping: Option<f64>,
     /// How long a step is.
@@ -141,6 +141,10 @@ pub struct Cloud {
     /// Void part of the box.
     #[serde(default = "loose")]
     pub porosity: f64,
+}
+
+fn weightless() -> [Signal; 3] {
+    [0.0; 3].map(Signal::Constant)
 }
 
 fn loose() -> f64 {

@@ -2,7 +2,7 @@
 
 use crate::boundary::{FACE_NAMES, Solid};
 use crate::budget::{Cause, Unbalanced};
-use crate::case::{Case, CaseError, Plan, Stage, reason};
+use crate::case::{Case, CaseError, Plan, Stage, at, reason};
 use crate::cell::COMPONENTS;
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::darcy::Census;
@@ -196,6 +196,7 @@ impl Simulation {
                 began
             }
         };
+        self.model.gravity = at(&stage.gravity, self.state.time - self.model.stage_start);
         let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
         let report = match step(&mut self.state, &self.model, &mut self.work) {
             Err(StepError::Outside { trouble, report }) => {

@@ -205,3 +205,26 @@ contact.linear = { young = 1e6, stiffness-ratio = 0.5, friction = 7.0 }
     let confine = &plan.stages[0].model.contact;
     assert!(confine.iter().all(|law| law.friction() == 3.0));
 }
+
+#[test]
+fn gravity_may_tilt_during_a_stage() {
+    let tilt = "gravity=[{ ramp = { from = 0, to = 5, end = 1e-2 } }, 0, -9.81]";
+    let case =
+        read(GOOD, &[tilt, "time-step={ fixed = 1e-6 }", "stage.confine.until={ steps = 200 }"]).unwrap();
+    let mut simulation = porograin::run::Simulation::new(&case).unwrap();
+    let mut weight = porograin::run::Simulation::new(&read(case.text(), &["gravity.0=0"]).unwrap()).unwrap();
+    for _ in 0..200 {
+        simulation.advance().unwrap();
+        weight.advance().unwrap();
+    }
+    // A grain in flight has the speed that the ramp gives, `5 t²/2 / 10 ms`, half a step before; damping takes a fifth.
+    let flying = |s: &porograin::run::Simulation, k: usize| s.state.grains.velocity[k];
+    let t = 199.5e-6;
+    let expected = 0.8 * 0.5 * 500.0 * t * t;
+    let close = (0..5000).filter(|&k| {
+        let gained = flying(&simulation, k).x - flying(&weight, k).x;
+        (gained / expected - 1.0).abs() < 0.01
+    });
+    assert!(close.count() > 4000);
+    assert!(read(GOOD, &["gravity=[0, { sine = { amplitude = 1, period = 0 } }, 0]"]).is_err());
+}

@@ -1,7 +1,7 @@
 //! From a case to what a simulation starts with: the state, the model of each stage, and when each stage ends.
 
 use super::{Case, CaseError, Cloud, Lattice, Packing, StageTable, StageWater, Until};
-use crate::boundary::Domain;
+use crate::boundary::{Domain, Signal};
 use crate::contact::{Contacts, Laws};
 use crate::grains::{Grains, Shape};
 use crate::import;
@@ -31,12 +31,19 @@ pub struct Stage {
     pub name: String,
     /// What a step reads during it; `stage_start` is set when the stage begins.
     pub model: Model,
+    /// Gravity [m/s²], a function of the time since the stage began.
+    pub gravity: [Signal; 3],
     /// When it ends.
     pub until: Until,
     /// What to do about signs of trouble.
     pub on: On,
     /// Whether to compare it with Terzaghi's theory.
     pub consolidation: bool,
+}
+
+/// A vector of signals at the time `t` since the stage began.
+pub fn at(signals: &[Signal; 3], t: f64) -> DVec3 {
+    DVec3::from_array(signals.each_ref().map(|signal| signal.at(t)))
 }
 
 impl Case {
@@ -66,7 +73,7 @@ impl Case {
         let default_damping = if fluid.is_some() { 0.0 } else { DRY_DAMPING };
         Model {
             time_step: stage.time_step.unwrap_or(self.time_step),
-            gravity: DVec3::from_array(stage.gravity.unwrap_or(self.gravity)),
+            gravity: at(&self.gravity_of(k), 0.0),
             contact,
             damping: stage.damping.or(self.damping).unwrap_or(default_damping),
             faces,
@@ -74,6 +81,11 @@ impl Case {
             fluid,
             stage_start: start,
         }
+    }
+
+    /// Gravity during stage `k`.
+    pub(super) fn gravity_of(&self, k: usize) -> [Signal; 3] {
+        self.stage[k].gravity.clone().unwrap_or_else(|| self.gravity.clone())
     }
 
     /// The low and the high corner of the box [m].
@@ -115,6 +127,7 @@ impl Case {
         let complete = |(k, stage): (usize, &StageTable)| Stage {
             name: stage.name.clone(),
             model: self.model(k, 0.0),
+            gravity: self.gravity_of(k),
             until: stage.until.clone(),
             on: stage.on.unwrap_or(self.on),
             consolidation: stage.consolidation,

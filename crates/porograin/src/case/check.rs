@@ -53,6 +53,7 @@ impl Case {
             }
         }
         self.check_discs()?;
+        self.signals("gravity", &self.gravity)?;
         self.check_stages()?;
         for (k, watch) in self.watch.iter().enumerate() {
             self.every(&format!("watch.{k}.every"), &watch.every)?;
@@ -71,7 +72,7 @@ impl Case {
         for (k, stage) in self.stage.iter().enumerate() {
             let model = self.model(k, 0.0);
             let place = |key: &str, own: bool| if own { format!("stage.{k}.{key}") } else { key.to_owned() };
-            if model.gravity.y != 0.0 {
+            if self.gravity_of(k)[1] != Signal::Constant(0.0) {
                 return self.refuse(
                     &place("gravity", stage.gravity.is_some()),
                     "discs move in the plane of x and z: `gravity` must have no part along y",
@@ -176,6 +177,9 @@ impl Case {
             }
             self.optional(&at("friction"), stage.friction, Range::Angle)?;
             self.optional(&at("damping"), stage.damping, Range::Part)?;
+            if let Some(gravity) = &stage.gravity {
+                self.signals(&at("gravity"), gravity)?;
+            }
             self.faces(&at("face"), &stage.face)?;
             if let Some(rule) = &stage.cell {
                 self.cell_rule(&at("cell"), rule)?;
@@ -315,9 +319,7 @@ impl Case {
                     self.optional(&at("solid.servo.speed"), *speed, Range::Positive)?;
                 }
                 Some(Solid::Moving { velocity }) => {
-                    for (axis, signal) in velocity.iter().enumerate() {
-                        self.signal(&at(&format!("solid.moving.velocity.{axis}")), signal)?;
-                    }
+                    self.signals(&at("solid.moving.velocity"), velocity)?;
                 }
                 Some(Solid::Fixed) | None => {}
             }
@@ -328,6 +330,11 @@ impl Case {
             }
         }
         Ok(())
+    }
+
+    fn signals(&self, path: &str, signals: &[Signal; 3]) -> Result<(), CaseError> {
+        let mut axes = signals.iter().enumerate();
+        axes.try_for_each(|(axis, signal)| self.signal(&format!("{path}.{axis}"), signal))
     }
 
     pub(super) fn signal(&self, path: &str, signal: &Signal) -> Result<(), CaseError> {

@@ -1,6 +1,7 @@
 //! Stages: an ordered list, each with what it overrides and when it ends.
 
 use super::FaceTable;
+use crate::boundary::Signal;
 use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::model::{Flow, TimeStep};
@@ -26,7 +27,7 @@ pub struct StageTable {
     /// Another rule of the periodic cell, complete.
     pub cell: Option<CellRule>,
     /// Another gravity [m/s²].
-    pub gravity: Option<[f64; 3]>,
+    pub gravity: Option<[Signal; 3]>,
     /// Another damping.
     pub damping: Option<f64>,
     /// Another time step.
