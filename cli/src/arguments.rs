@@ -34,6 +34,10 @@ pub enum Command {
         /// The new folder; by default the name of the example.
         folder: Option<PathBuf>,
     },
+    /// Draw the plots of a run again, or of several runs over each other.
+    Plot(Plot),
+    /// Write the grains of a run as they are now: x,y,z,r [m], one line per grain.
+    Export(Export),
     /// Measure the permeability of a packing between two opposite faces of its box.
     Permeability(Permeability),
     /// Measure speed on a given packing.
@@ -92,6 +96,32 @@ pub struct Check {
     /// Override a value of the case.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `porograin plot`.
+#[derive(Args)]
+pub struct Plot {
+    /// Folders of runs; the case of the first says what to draw.
+    #[arg(required = true)]
+    pub folders: Vec<PathBuf>,
+    /// Folder of the pictures; by default that of the first run.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `porograin export`.
+#[derive(Args)]
+pub struct Export {
+    /// Folder of the run.
+    pub folder: PathBuf,
+    /// The new file; it is never overwritten.
+    pub grains: PathBuf,
     /// Print one JSON object on standard output.
     #[arg(long)]
     pub json: bool,
@@ -259,6 +289,8 @@ impl Command {
             Command::Run(a) => a.json,
             Command::Resume(a) => a.json,
             Command::Check(a) => a.json,
+            Command::Plot(a) => a.json,
+            Command::Export(a) => a.json,
             Command::Permeability(a) => a.json,
             Command::Bench(a) => a.json,
             Command::List | Command::New { .. } => false,

@@ -5,7 +5,9 @@ mod bar;
 mod bench;
 mod check;
 mod examples;
+mod export;
 mod permeability;
+mod plot;
 mod run;
 
 use arguments::{Arguments, Command};
@@ -27,6 +29,8 @@ fn main() -> ExitCode {
         Command::Run(arguments) => run::run(&arguments),
         Command::Resume(arguments) => run::resume(&arguments),
         Command::Check(arguments) => check::check(&arguments),
+        Command::Plot(arguments) => plot::plot(&arguments),
+        Command::Export(arguments) => export::export(&arguments),
         Command::List => examples::list(),
         Command::New { example, folder } => examples::new(&example, folder),
         Command::Permeability(arguments) => permeability::permeability(&arguments),

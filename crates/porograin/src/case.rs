@@ -23,6 +23,7 @@ use crate::boundary::{FACE_NAMES, Face, Signal, Slip, Solid, Water};
 use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::model::{FluidModel, TimeStep};
+use crate::output::plot::Plot;
 use crate::trouble::On;
 use crate::watch::Watch;
 use serde::{Deserialize, Serialize};
@@ -74,6 +75,9 @@ pub struct Case {
     /// What else to write, and how often.
     #[serde(default)]
     pub output: OutputTable,
+    /// Pictures of the history.
+    #[serde(default)]
+    pub plot: Vec<Plot>,
     #[serde(skip)]
     source: Source,
     #[serde(skip)]

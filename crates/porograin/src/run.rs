@@ -505,6 +505,7 @@ fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError>
         folder.summary.warnings.retain(|warning| !Census::wrote(warning));
         folder.summary.warnings.extend(census.warning());
     }
+    folder.draw().map_err(unwritable)?;
     let Some(consolidation) = &simulation.progress.consolidation else { return Ok(()) };
     let Some(comparison) = consolidation.compare() else { return Ok(()) };
     folder.summary.terzaghi = Some(Terzaghi::new(consolidation, &comparison));

@@ -1,10 +1,11 @@
 //! Checks of a case that need no grains: ranges of numbers, and tables that contradict each other.
 
-use super::{Case, CaseError, FaceTable, Packing, StageWater};
+use super::{Case, CaseError, FaceTable, Packing, StageWater, nearest};
 use crate::boundary::{Signal, Solid, Water};
 use crate::contact::{Law, Restitution};
 use crate::darcy::{Cells, Darcy, Permeability, Transfer};
 use crate::model::{Flow, TimeStep};
+use crate::output::plot;
 use crate::pores::{Coupling, Stepping};
 use crate::watch::Every;
 
@@ -61,6 +62,7 @@ impl Case {
         if let Some(every) = &self.output.vtk {
             self.every("output.vtk", every)?;
         }
+        self.plots()?;
         self.number("output.checkpoint", self.output.checkpoint, Range::NotNegative)
     }
 
@@ -302,6 +304,44 @@ impl Case {
                         ),
                     )
                     .hint("give a face water = { pressure = 0.0 }, or fix the wall"));
+            }
+        }
+        Ok(())
+    }
+
+    fn plots(&self) -> Result<(), CaseError> {
+        let columns = plot::columns(&self.watch);
+        let known = |path: &str, word: &str, noun: &str, all: &[&str]| {
+            if all.contains(&word) {
+                return Ok(());
+            }
+            let guess = nearest(word, all.iter().copied());
+            let guess = guess.map_or(String::new(), |near| format!("did you mean {near}? "));
+            Err(self
+                .source
+                .fault(path, format!("{noun} `{word}`"))
+                .hint(format!("{guess}there is: {}", all.join(", "))))
+        };
+        let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+        let stages: Vec<&str> = self.stage.iter().map(|s| s.name.as_str()).collect();
+        for (k, plot) in self.plot.iter().enumerate() {
+            let at = |key: &str| format!("plot.{k}.{key}");
+            let name = plot.file.strip_suffix(".svg").unwrap_or_default();
+            if name.is_empty() || name.contains(['/', '\\']) || plot.file == "consolidation.svg" {
+                return self.refuse(
+                    &at("file"),
+                    format!("a picture is called by a name such as \"curves.svg\", not \"{}\"", plot.file),
+                );
+            }
+            if plot.y.is_empty() {
+                return self.refuse(&at("y"), "the plot has no column to draw");
+            }
+            known(&at("x"), &plot.x, "no watch measures the column", &columns)?;
+            for (j, column) in plot.y.iter().enumerate() {
+                known(&at(&format!("y.{j}")), column, "no watch measures the column", &columns)?;
+            }
+            for (j, stage) in plot.stage.iter().enumerate() {
+                known(&at(&format!("stage.{j}")), stage, "there is no stage", &stages)?;
             }
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! The folder of a run: `case.toml`, `history.csv`, `vtk/`, `checkpoint`, `summary.json`.
 
+use super::plot::{History, Plot, draw};
 use super::restart::{Checkpoint, RestartError};
 use super::summary::Summary;
 use super::table::Table;
@@ -22,6 +23,7 @@ pub struct Folder {
     watches: Vec<Watch>,
     measures: Vec<Measure>,
     vtk: Option<Every>,
+    plots: Vec<Plot>,
     history: Table,
     written: Written,
     /// What `summary.json` says.
@@ -96,6 +98,7 @@ impl Folder {
             watches: case.watch.clone(),
             measures,
             vtk: case.output.vtk,
+            plots: case.plot.clone(),
             history,
             written,
             summary: Summary::new(&case.title),
@@ -130,6 +133,7 @@ impl Folder {
             measures: measures(&case.watch),
             watches: case.watch.clone(),
             vtk: case.output.vtk,
+            plots: case.plot.clone(),
             history,
             written,
             summary,
@@ -215,6 +219,20 @@ impl Folder {
         replace(&path, bytes).map_err(|e| (path, e))
     }
 
+    /// Draws the pictures of the history as it stands.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written.
+    pub fn draw(&self) -> Result<(), (PathBuf, io::Error)> {
+        if self.plots.is_empty() {
+            return Ok(());
+        }
+        let path = self.path.join("history.csv");
+        let history = History::read(&path).map_err(|e| (path, e))?;
+        let runs = [(String::new(), history)];
+        draw(&self.plots, &runs).iter().try_for_each(|(name, picture)| self.write(name, picture.as_bytes()))
+    }
+
     fn frame(&mut self, now: &Snapshot) -> Result<(), (PathBuf, io::Error)> {
         let number = self.written.frames.len();
         let put = |kind: Kind, bytes: Vec<u8>| {
@@ -271,6 +289,20 @@ impl Folder {
 
 /// All series of frames.
 const KINDS: [Kind; 3] = [Kind::Grains, Kind::Pores, Kind::Grid];
+
+/// The state at the last checkpoint of the run in the folder `path`; nothing is changed there.
+///
+/// # Errors
+/// When there is no run, or its checkpoint is damaged.
+pub fn last_state(path: &Path) -> Result<State, FolderError> {
+    let shown = path.display();
+    let case_text = fs::read_to_string(path.join("case.toml"))
+        .map_err(|e| FolderError(format!("{shown} holds no run: cannot read case.toml: {}", reason(&e))))?;
+    let checkpoint = path.join("checkpoint");
+    Checkpoint::read(&checkpoint, &case_text)
+        .map(|read| read.state)
+        .map_err(|e| FolderError(format!("cannot read {}: {e}", checkpoint.display())))
+}
 
 /// A series of frames.
 #[derive(Clone, Copy, PartialEq, Eq)]

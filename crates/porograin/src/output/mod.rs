@@ -3,6 +3,7 @@
 pub mod chart;
 pub mod folder;
 pub mod frame;
+pub mod plot;
 pub mod report;
 pub mod restart;
 pub mod summary;
