@@ -22,6 +22,15 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "17-simple-shear",
+        about: "a periodic sample without walls is sheared under constant normal stress: peak, dilation, critical state",
+        files: &[
+            ("case.toml", include_str!("../../examples/17-simple-shear/case.toml")),
+            ("README.md", include_str!("../../examples/17-simple-shear/README.md")),
+            ("shear.svg", include_str!("../../examples/17-simple-shear/shear.svg")),
+        ],
+    },
+    Example {
         name: "20-seepage-column",
         about: "50 discs in water on a grid settle, and swell as water is pushed in from below (Goodarzi et al. 2013)",
         files: &[

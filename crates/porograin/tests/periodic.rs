@@ -300,3 +300,50 @@ until = { unbalanced = 1e-3, stress-error = 0.01, max-steps = 40000 }
         (0..state.grains.len()).map(|k| state.grains.mass[k] * state.grains.velocity[k]).sum();
     assert!(momentum.length() < 1e-2 * state.grains.mass.iter().sum::<f64>());
 }
+
+/// Resident memory of this process [pages].
+#[cfg(target_os = "linux")]
+fn resident() -> u64 {
+    let statm = std::fs::read_to_string("/proc/self/statm").unwrap();
+    statm.split(' ').nth(1).unwrap().parse().unwrap()
+}
+
+/// A million steps, a strain of hundreds.
+#[test]
+#[ignore = "long: a million steps"]
+#[cfg(target_os = "linux")]
+fn a_million_steps_of_shear_keep_momentum_lattice_and_memory() {
+    let cell = sheared();
+    let mut model = Model { cell: driven(20.0, 0.0), ..model(0.5, 30.0) };
+    // Without dampers the grains would get hotter and hotter.
+    let restitution = Some(0.5.into());
+    model.contact = Law::Linear(Linear { restitution, ..Linear::new(1e6, 0.5, 30.0) }).into();
+    let mut state = without_drift(state(cell, cloud(&cell, 60, 7)));
+    let (mut work, mut memory, mut worst) = (Work::default(), 0, [0.0_f64, f64::INFINITY]);
+    // Inside the pool: entering it anew for every loop would cost more than the loops.
+    rayon::scope(|_| {
+        for k in 0..1_000_000 {
+            step(&mut state, &model, &mut work).unwrap();
+            if k == 100_000 {
+                memory = resident();
+            }
+            if k % 1000 == 0 {
+                let (sum, size) = momentum(&state);
+                worst[0] = worst[0].max(sum.length() / size);
+                worst[1] = worst[1].min(Period::of(&state.domain.cell).unwrap().height());
+            }
+        }
+    });
+    let strain = state.domain.strain.z_axis.x;
+    println!(
+        "strain {strain}, momentum {:e}, least height {}, {} pages more",
+        worst[0],
+        worst[1],
+        resident() as i64 - memory as i64
+    );
+    assert!(strain > 100.0, "{strain}");
+    assert!(worst[0] < 1e-9, "{}", worst[0]);
+    assert!(worst[1] > 0.6, "{}", worst[1]);
+    assert!((state.domain.cell.volume() / cell.volume() - 1.0).abs() < 1e-9);
+    assert!(resident() <= memory + 64, "{} pages more", resident() - memory);
+}
