@@ -123,6 +123,31 @@ fn just_below_the_limit_is_stable_and_just_above_is_not() {
     assert!(growth(1.05) > 1.0, "{}", growth(1.05));
 }
 
+/// Dampers shorten the step: the limit of the springs alone is too long for a strongly damped grain between six walls.
+#[test]
+fn dampers_shorten_the_stable_step() {
+    let mut state = state(vec![DVec3::splat(0.95)], vec![1.0], DVec3::splat(1.9));
+    let mut model = model(0.5);
+    step(&mut state, &model, &mut Work::default()).unwrap();
+    let springs = limit(&state, &model, &mut Vec::new()).seconds;
+    model.contact = Law::Linear(Linear { restitution: Some(0.1.into()), ..LAW }).into();
+    let damped = limit(&state, &model, &mut Vec::new()).seconds;
+    let swing = |dt: f64| {
+        let (mut state, mut model) = (state.clone(), model.clone());
+        model.time_step = TimeStep::Fixed(dt);
+        state.grains.velocity[0] = DVec3::new(1e-3, 0.0, 0.0);
+        let mut work = Work::default();
+        for _ in 0..300 {
+            if step(&mut state, &model, &mut work).is_err() {
+                return f64::INFINITY;
+            }
+        }
+        state.grains.velocity[0].length()
+    };
+    assert!(swing(damped) < 1e-3, "{}", swing(damped));
+    assert!(swing(springs) > 1e-2, "{} {damped} {springs}", swing(springs));
+}
+
 #[test]
 fn grains_in_flight_and_light_pistons_set_the_limit() {
     let mut model = model(0.5);
