@@ -22,6 +22,16 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "05-viscous-oedometer",
+        about: "the same in water so thick that steps must be implicit (case.toml, quick.toml)",
+        files: &[
+            ("README.md", include_str!("../../examples/05-viscous-oedometer/README.md")),
+            ("case.toml", include_str!("../../examples/05-viscous-oedometer/case.toml")),
+            ("quick.toml", include_str!("../../examples/05-viscous-oedometer/quick.toml")),
+            ("consolidation.svg", include_str!("../../examples/05-viscous-oedometer/consolidation.svg")),
+        ],
+    },
+    Example {
         name: "17-simple-shear",
         about: "a periodic sample without walls is sheared under constant normal stress: peak, dilation, critical state",
         files: &[

@@ -285,3 +285,31 @@ fn the_budget_balances_and_notices_what_does_not() {
     let error = audit(&model, 301).map(|_| ()).unwrap_err();
     assert!(error.to_string().starts_with("the budget of the water is off"), "{error}");
 }
+
+#[test]
+#[ignore = "long: 20 s of explicit steps to compare with"]
+fn ten_times_the_explicit_limit_gives_the_same_settlement() {
+    let (start, mut model) = pressed(300);
+    let ends = [0.005, 0.01, 0.015, 0.02];
+    let mut curve = |step_: Stepping| {
+        model.fluid = water(15.0, step_);
+        let (mut state, mut work, mut seen, mut steps) = (start.clone(), Work::default(), Vec::new(), 0);
+        for end in ends {
+            let mut before = (state.time, settlement(&start, &state));
+            while state.time - start.time < end {
+                before = (state.time, settlement(&start, &state));
+                step(&mut state, &model, &mut work).unwrap();
+                steps += 1;
+            }
+            let part = (end + start.time - before.0) / (state.time - before.0);
+            seen.push(before.1 + part * (settlement(&start, &state) - before.1));
+        }
+        (seen, steps)
+    };
+    let (implicit, few) = curve(Stepping::Implicit);
+    let (explicit, many) = curve(Stepping::Explicit);
+    assert!(many > 10 * few, "{many} {few}");
+    for (a, b) in implicit.iter().zip(&explicit) {
+        assert!((a / b - 1.0).abs() < 0.002, "{implicit:?} {explicit:?} {many} {few}");
+    }
+}
