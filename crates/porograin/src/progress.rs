@@ -31,6 +31,8 @@ pub struct Began {
     pub step: u64,
     /// Height of the top face [m].
     pub top: f64,
+    /// Edges of the cell, as columns [m].
+    pub edges: glam::DMat3,
 }
 
 /// How a stage ended.

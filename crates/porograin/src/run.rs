@@ -178,7 +178,8 @@ impl Simulation {
             Some(began) => began,
             None => {
                 let State { time, step, domain, .. } = &self.state;
-                let began = Began { time: *time, step: *step, top: domain.cell.wall_position(5) };
+                let (top, edges) = (domain.cell.wall_position(5), domain.cell.edges);
+                let began = Began { time: *time, step: *step, top, edges };
                 self.model = Model { stage_start: began.time, ..stage.model.clone() };
                 // Timers are those of the stage; the rest of the scratch is found again by the first step.
                 self.work = Work::default();

@@ -65,10 +65,18 @@ pub enum Measure {
     StressTensor,
     /// The velocity gradient of the periodic cell, summed over time.
     CellStrain,
+    /// Mean and deviator of the stress carried by the contacts.
+    Deviator,
+    /// Shortening of the box and its loss of volume since the stage began.
+    Compression,
+    /// Fabric tensor of the contacts between grains.
+    Fabric,
     /// Number of contacts, mean number per grain, grains that carry nothing.
     Contacts,
     /// Kinetic energy of the grains.
     KineticEnergy,
+    /// Energy stored in the contacts.
+    ElasticEnergy,
     /// Largest speed of a grain.
     Speed,
     /// Length of the step.
@@ -86,7 +94,7 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 16] = [
+    pub const ALL: [Measure; 20] = [
         Measure::Porosity,
         Measure::Size,
         Measure::Settlement,
@@ -96,8 +104,12 @@ impl Measure {
         Measure::Stress,
         Measure::StressTensor,
         Measure::CellStrain,
+        Measure::Deviator,
+        Measure::Compression,
+        Measure::Fabric,
         Measure::Contacts,
         Measure::KineticEnergy,
+        Measure::ElasticEnergy,
         Measure::Speed,
         Measure::TimeStep,
         Measure::Pressure,
@@ -136,8 +148,14 @@ impl Measure {
             Measure::CellStrain => {
                 "velocity gradient of the periodic cell summed over time, extension positive"
             }
+            Measure::Deviator => "mean and deviator sqrt(3/2 s:s) of the stress carried by the contacts",
+            Measure::Compression => {
+                "shortening along x, y, z and loss of volume since the stage began, compression positive"
+            }
+            Measure::Fabric => "fabric tensor of the contacts between grains, a third each when isotropic",
             Measure::Contacts => "number of contacts, mean number per grain, grains that carry nothing",
             Measure::KineticEnergy => "kinetic energy of the grains, turning included",
+            Measure::ElasticEnergy => "energy stored in the contacts",
             Measure::Speed => "largest speed of a grain",
             Measure::TimeStep => "length of the step",
             Measure::Pressure => "mean, least and greatest excess pressure of the pores",
@@ -164,6 +182,14 @@ impl Measure {
             Measure::Surface => list(&["surface [m]"]),
             Measure::Unbalanced => list(&["unbalanced [-]"]),
             Measure::FaceStress => faces("stress", "Pa"),
+            Measure::Deviator => list(&["mean_stress [Pa]", "deviator [Pa]"]),
+            Measure::Compression => list(&[
+                "compression_x [-]",
+                "compression_y [-]",
+                "compression_z [-]",
+                "compression_volume [-]",
+            ]),
+            Measure::Fabric => crate::cell::COMPONENTS.map(|c| format!("fabric_{c} [-]")).to_vec(),
             Measure::Contacts => list(&["contacts [-]", "coordination [-]", "rattlers [-]"]),
             Measure::Stress => list(&["stress_xx [Pa]", "stress_yy [Pa]", "stress_zz [Pa]"]),
             Measure::StressTensor => {
@@ -171,6 +197,7 @@ impl Measure {
             }
             Measure::CellStrain => crate::cell::COMPONENTS.map(|c| format!("strain_{c} [-]")).to_vec(),
             Measure::KineticEnergy => list(&["kinetic_energy [J]"]),
+            Measure::ElasticEnergy => list(&["elastic_energy [J]"]),
             Measure::Speed => list(&["speed_max [m/s]"]),
             Measure::TimeStep => list(&["dt [s]"]),
             Measure::Pressure => list(&["pressure_mean [Pa]", "pressure_min [Pa]", "pressure_max [Pa]"]),
@@ -225,6 +252,9 @@ impl Measure {
             }
             Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
             Measure::FaceStress => measure::wall_stress(domain).to_vec(),
+            Measure::Deviator => measure::invariants(measure::contact_stress(now.state, now.model)).to_vec(),
+            Measure::Compression => measure::compression(now.began.edges, domain.cell.edges).to_vec(),
+            Measure::Fabric => measure::fabric(now.state, now.model).transpose().to_cols_array().to_vec(),
             Measure::Contacts => {
                 let rattlers = measure::rattlers(now.state) as f64;
                 vec![contacts.len() as f64, measure::coordination(now.state), rattlers]
@@ -246,6 +276,7 @@ impl Measure {
                 vec![measure::kinetic_energy(&besides)]
             }
             Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
+            Measure::ElasticEnergy => vec![measure::elastic_energy(now.state, now.model)],
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],
             Measure::Pressure => {

@@ -1,7 +1,9 @@
 //! Porosity, contacts per grain, settlement.
 
 use crate::boundary::Domain;
+use crate::model::Model;
 use crate::state::State;
+use glam::DMat3;
 use porograin_geometry::triangulation::wall;
 
 /// Void part of the box [-]; overlaps count twice as solid.
@@ -14,6 +16,22 @@ pub fn coordination(state: &State) -> f64 {
     let ends: usize =
         state.contacts.pairs.iter().map(|pair| if wall(pair[1]).is_some() { 1 } else { 2 }).sum();
     ends as f64 / state.grains.len().max(1) as f64
+}
+
+/// Fabric tensor `<n ⊗ n>` of the contacts between grains [-], its trace 1; zero without contacts.
+pub fn fabric(state: &State, model: &Model) -> DMat3 {
+    let between = super::contact_forces(state, model).filter(|([_, second], ..)| wall(*second).is_none());
+    let (count, sum) = between.fold((0, DMat3::ZERO), |(count, sum), (_, touch, _)| {
+        (count + 1, sum + super::stress::outer(touch.normal, touch.normal))
+    });
+    sum * f64::from(count.max(1)).recip()
+}
+
+/// Shortening of the cell along x, y and z and its loss of volume since its edges were `before` [-], positive in
+/// compression; small strains of engineers, not logarithmic.
+pub fn compression(before: DMat3, now: DMat3) -> [f64; 4] {
+    let gradient = now * before.inverse();
+    [1.0 - gradient.x_axis.x, 1.0 - gradient.y_axis.y, 1.0 - gradient.z_axis.z, 1.0 - gradient.determinant()]
 }
 
 /// Number of grains that carry nothing: fewer than three contacts with grains that are not rattlers themselves, or

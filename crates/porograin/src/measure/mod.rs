@@ -6,8 +6,10 @@ mod energy;
 mod microstructure;
 mod stress;
 pub use energy::{elastic_energy, kinetic_energy, unbalanced};
-pub use microstructure::{coordination, oedometric_modulus, porosity, rattlers, settlement};
-pub use stress::{contact_stress, grain_stress, wall_stress};
+pub use microstructure::{
+    compression, coordination, fabric, oedometric_modulus, porosity, rattlers, settlement,
+};
+pub use stress::{contact_stress, grain_stress, invariants, wall_stress};
 
 use crate::contact::{ContactLaw, Surroundings, Touch};
 use crate::model::Model;

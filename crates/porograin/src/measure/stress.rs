@@ -44,7 +44,17 @@ pub fn grain_stress(state: &State, model: &Model) -> Vec<DMat3> {
     stress
 }
 
+/// Mean `tr(S)/3` and deviator `sqrt(3/2 s:s)` of a stress [Pa], s the deviatoric part of its symmetric part; in
+/// triaxial compression the deviator is the axial less the radial stress.
+pub fn invariants(stress: DMat3) -> [f64; 2] {
+    let s = 0.5 * (stress + stress.transpose());
+    let mean = (s.x_axis.x + s.y_axis.y + s.z_axis.z) / 3.0;
+    let s = s - DMat3::from_diagonal(DVec3::splat(mean));
+    let square = s.x_axis.length_squared() + s.y_axis.length_squared() + s.z_axis.length_squared();
+    [mean, (1.5 * square).sqrt()]
+}
+
 /// `a ⊗ b`, row along `a`.
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
+pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }

@@ -94,6 +94,7 @@ fn a_column_by_hand() {
     let energy = k * at_wall * at_wall + k * between * between;
     assert!((elastic_energy(&state, &model) / energy - 1.0).abs() < 1e-12);
     assert_eq!(coordination(&state), 2.0);
+    assert_eq!(fabric(&state, &model), DMat3::from_diagonal(DVec3::Z));
     assert_eq!(rattlers(&state), 3);
     state.grains.velocity[0] = DVec3::X;
     state.grains.spin[1] = DVec3::Y;
@@ -104,4 +105,20 @@ fn a_column_by_hand() {
     lower.wall_force[5].z += 40.0;
     assert!((settlement(&state.domain, &lower, 5) - 0.01).abs() < 1e-15);
     assert!((oedometric_modulus(&state.domain, &lower, 5) / (40.0 / 0.04 / 0.05) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn invariants_and_compression_by_hand() {
+    // Triaxial compression turned out of its axes and with an antisymmetric part that must not count.
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 0.7);
+    let [mean, deviator] =
+        invariants(turn * DMat3::from_diagonal(DVec3::new(50e3, 50e3, 140e3)) * turn.transpose());
+    assert!((mean - 80e3).abs() < 1e-6 && (deviator - 90e3).abs() < 1e-6, "{mean} {deviator}");
+    let twisted = DMat3::from_cols(DVec3::new(0.0, 3.0, 0.0), DVec3::new(-3.0, 0.0, 0.0), DVec3::ZERO);
+    assert_eq!(invariants(twisted), [0.0, 0.0]);
+    let before = DMat3::from_diagonal(DVec3::new(1.0, 2.0, 4.0));
+    let now = DMat3::from_diagonal(DVec3::new(1.1, 2.0, 3.0));
+    let found = compression(before, now);
+    let expected = [-0.1, 0.0, 0.25, 1.0 - 1.1 * 0.75];
+    assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-12), "{found:?}");
 }
