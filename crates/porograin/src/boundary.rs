@@ -1,5 +1,6 @@
 //! The faces of the domain: where they are now, what they do to grains, what they do to water.
 
+use crate::expression::Expression;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
 use serde::de::value::MapAccessDeserializer;
@@ -135,7 +136,7 @@ pub enum Slip {
     NoSlip,
 }
 
-/// A number that varies in time; in case files a plain number, or a table such as `{ ramp = … }`.
+/// A number that varies in time; in case files a plain number, a table such as `{ ramp = … }` or a formula.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Signal {
     /// Always the same.
@@ -164,6 +165,8 @@ pub enum Signal {
     },
     /// Straight lines between points `[t, value]`, constant outside.
     Table(Vec<[f64; 2]>),
+    /// A formula of t and, for the water, of x, y and z.
+    Expression(Expression),
 }
 
 impl<'de> Deserialize<'de> for Signal {
@@ -195,17 +198,20 @@ impl<'de> Deserialize<'de> for Signal {
             #[serde(default)]
             start: f64,
         }
-        struct NumberOrTable;
-        impl<'de> Visitor<'de> for NumberOrTable {
+        struct Any;
+        impl<'de> Visitor<'de> for Any {
             type Value = Signal;
             fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-                f.write_str("a number or a table such as { ramp = { from = 0, to = 1, end = 2 } }")
+                f.write_str("a number, a table such as { ramp = { from = 0, to = 1, end = 2 } } or a formula of x, y, z, t")
             }
             fn visit_f64<E>(self, value: f64) -> Result<Signal, E> {
                 Ok(Signal::Constant(value))
             }
             fn visit_i64<E>(self, value: i64) -> Result<Signal, E> {
                 Ok(Signal::Constant(value as f64))
+            }
+            fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Signal, E> {
+                text.parse().map(Signal::Expression).map_err(E::custom)
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Signal, A::Error> {
                 Ok(match Varying::deserialize(MapAccessDeserializer::new(map))? {
@@ -217,14 +223,26 @@ impl<'de> Deserialize<'de> for Signal {
                 })
             }
         }
-        deserializer.deserialize_any(NumberOrTable)
+        deserializer.deserialize_any(Any)
     }
 }
 
 impl Signal {
-    /// The value at time `t`; stage signals count `t` from the start of the stage.
+    /// The value at time `t` of a signal that is the same everywhere; stage signals count `t` from the start of the
+    /// stage.
     pub fn at(&self, t: f64) -> f64 {
+        self.field(DVec3::ZERO, t)
+    }
+
+    /// Whether it depends on x, y or z.
+    pub fn varies_in_space(&self) -> bool {
+        matches!(self, Signal::Expression(formula) if formula.varies_in_space())
+    }
+
+    /// The value at the place `x` and time `t`.
+    pub fn field(&self, x: DVec3, t: f64) -> f64 {
         match self {
+            Signal::Expression(formula) => formula.at(x, t),
             Signal::Constant(value) => *value,
             Signal::Ramp { from, to, start, end } => {
                 let part = if end > start {

@@ -1,6 +1,6 @@
 //! The water: it follows the grains, feels how they move, and loads them.
 
-use crate::boundary::{Slip, Water};
+use crate::boundary::{Face, Slip, Water};
 use crate::budget::{self, Audit};
 use crate::darcy::{self, GridState};
 use crate::grains::{Grains, Loads};
@@ -274,16 +274,15 @@ pub fn advance(
         (*earlier, *before, *now) = (*before, *now, ahead);
     }
     let time = state.time - model.stage_start;
-    let held = std::array::from_fn(|face| match &model.faces[face].water {
-        Water::Pressure(signal) => signal.at(time),
-        Water::Sealed | Water::Inflow(_) => 0.0,
-    });
-    mesh.hold(&held, &mut water.pressure);
+    mesh.hold(|face, x| imposed(&model.faces[face].water, x, time), &mut water.pressure)
+        .map_err(|place| no_value(place, time))?;
+    let sources = if water.implicit.is_some() { foreseen.sources() } else { &mut carried.source };
+    inflow(mesh, &model.faces, time, sources).map_err(|place| no_value(place, time))?;
     let pressure = &mut water.pressure;
     let info = match &mut water.implicit {
         None => {
             mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, carried);
-            system.solve(mesh, &carried.node, &held, pressure)
+            system.solve(mesh, &carried.node, pressure)
         }
         Some(memory) => foreseen.solve(system, mesh, grains, pores.implicit_residual, memory, pressure),
     }
@@ -295,6 +294,45 @@ pub fn advance(
         Audit::of(mesh, carried, pressure, grains.len(), void)
     });
     Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit, audit }))
+}
+
+/// The excess pressure that a rule imposes at the place `x` [Pa]; zero where it imposes none.
+fn imposed(rule: &Water, x: DVec3, time: f64) -> f64 {
+    match rule {
+        Water::Pressure(signal) => signal.field(x, time),
+        Water::Sealed | Water::Inflow(_) => 0.0,
+    }
+}
+
+/// What comes in through the faces into each node [m³/s], nothing if no face has an inflow.
+///
+/// # Errors
+/// The first place where it has no value.
+fn inflow(mesh: &Mesh, faces: &[Face; 6], time: f64, source: &mut Vec<f64>) -> Result<(), DVec3> {
+    source.clear();
+    if !faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
+        return Ok(());
+    }
+    source.resize(mesh.nodes(), 0.0);
+    for side in &mesh.wall_faces {
+        if let Water::Inflow(signal) = &faces[side.face as usize].water {
+            let pore = side.pore as usize;
+            let rate = signal.field(mesh.centre[pore], time);
+            if !rate.is_finite() {
+                return Err(mesh.centre[pore]);
+            }
+            source[mesh.node[pore] as usize] += side.area * rate;
+        }
+    }
+    Ok(())
+}
+
+fn no_value(place: DVec3, time: f64) -> StepError {
+    StepError::Fluid(format!(
+        "the pressure or the inflow that a face imposes at ({}, {}, {}) m has no value {time} s after the stage began: \
+         check its formula there",
+        place.x, place.y, place.z
+    ))
 }
 
 /// Adds buoyancy, `-rho_f g V`.

@@ -8,6 +8,7 @@ pub mod cell;
 pub mod consolidation;
 pub mod contact;
 pub mod darcy;
+pub mod expression;
 pub mod fluid;
 pub mod grains;
 pub mod gravity;

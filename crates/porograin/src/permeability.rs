@@ -125,13 +125,14 @@ pub fn measure(
     seconds.conductance = clock.elapsed().as_secs_f64();
 
     let clock = Instant::now();
+    let mut pressure = vec![0.0; mesh.nodes()];
     let mut held = [0.0; 6];
     held[low] = problem.drop;
-    let mut pressure = vec![0.0; mesh.nodes()];
+    mesh.hold_faces(&held, &mut pressure);
     let mut system =
         System::new(&mesh, problem.solver.method(), problem.residual, 1).map_err(PermeabilityError::Solve)?;
     let zero = vec![0.0; mesh.nodes()];
-    let mut info = system.solve(&mesh, &zero, &held, &mut pressure).map_err(PermeabilityError::Solve)?;
+    let mut info = system.solve(&mesh, &zero, &mut pressure).map_err(PermeabilityError::Solve)?;
     // The residual is relative to the largest conductances at the open faces; where radical centres nearly coincide
     // those exceed the flow by orders of magnitude. Solve for the imbalance itself until what flows in flows out.
     let mut flow = fluxes(&mesh, &pressure);
@@ -141,8 +142,7 @@ pub fn measure(
         }
         let mut correction = vec![0.0; mesh.nodes()];
         let imbalance = outflow(&mesh, &pressure);
-        let refined =
-            system.solve(&mesh, &imbalance, &[0.0; 6], &mut correction).map_err(PermeabilityError::Solve)?;
+        let refined = system.solve(&mesh, &imbalance, &mut correction).map_err(PermeabilityError::Solve)?;
         info.iterations += refined.iterations;
         pressure.iter_mut().zip(&correction).for_each(|(p, c)| *p += c);
         flow = fluxes(&mesh, &pressure);

@@ -178,7 +178,7 @@ fn pressure_work_of_moving_grains_is_dissipated_in_the_throats() {
         mesh.carried(&velocity, &vec![DVec3::ZERO; n], &[DVec3::ZERO; 6], &mut out);
         let mut pressure = vec![0.0; mesh.nodes()];
         let mut system = System::new(&mesh, Solver::Cholesky.method(), 1e-12, 100).unwrap();
-        system.solve(&mesh, &out.node, &[0.0; 6], &mut pressure).unwrap();
+        system.solve(&mesh, &out.node, &mut pressure).unwrap();
         let mut loads = Loads::default();
         loads.clear(n);
         mesh.add_loads(&pressure, &mut loads);
@@ -207,7 +207,7 @@ fn damping(mesh: &Mesh, n: usize) -> Vec<Vec<f64>> {
         let mut out = Carried::default();
         mesh.carried(&velocity, &spin, &walls, &mut out);
         let mut pressure = vec![0.0; mesh.nodes()];
-        system.solve(mesh, &out.node, &[0.0; 6], &mut pressure).unwrap();
+        system.solve(mesh, &out.node, &mut pressure).unwrap();
         let mut loads = Loads::default();
         loads.clear(n);
         mesh.add_loads(&pressure, &mut loads);

@@ -132,8 +132,8 @@ fn one(mesh: &Mesh, solver: Solver, residual: f64) -> Result<SolverBench, porogr
     let mut pressure = vec![0.0; mesh.nodes()];
     let held = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     let clock = Instant::now();
-    mesh.hold(&held, &mut pressure);
-    let info = system.solve(mesh, &vec![0.0; mesh.nodes()], &held, &mut pressure)?;
+    mesh.hold_faces(&held, &mut pressure);
+    let info = system.solve(mesh, &vec![0.0; mesh.nodes()], &mut pressure)?;
     let solve = clock.elapsed().as_secs_f64();
     let flow = fluxes(mesh, &pressure);
     let bytes = system.setup().bytes;

@@ -248,18 +248,22 @@ impl Case {
     fn inflow(&self, k: usize) -> Result<(), CaseError> {
         let model = self.model(k, 0.0);
         let Some(fluid) = &model.fluid else { return Ok(()) };
+        let varies = |face: &crate::boundary::Face| match &face.water {
+            Water::Pressure(signal) | Water::Inflow(signal) => signal.varies_in_space(),
+            Water::Sealed => false,
+        };
+        if matches!(fluid.flow, Flow::Darcy(_)) && model.faces.iter().any(varies) {
+            let name = &self.stage[k].name;
+            let sentence = format!(
+                "in the stage `{name}` a formula of place stands at a face, but the water on a grid knows time only"
+            );
+            let hint = "compute the flow pore by pore: flow = { pores = {} }";
+            return Err(self.source.fault(&format!("stage.{k}"), sentence).hint(hint));
+        }
         if !model.faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
             return Ok(());
         }
         let name = &self.stage[k].name;
-        if matches!(fluid.flow, Flow::Pores(_)) {
-            let sentence =
-                format!("in the stage `{name}` water comes in at a given rate: the pores cannot do that");
-            return Err(self
-                .source
-                .fault(&format!("stage.{k}"), sentence)
-                .hint("compute the flow on a grid: flow = { darcy = {} }"));
-        }
         let open = model.faces.iter().any(|face| matches!(face.water, Water::Pressure(_)));
         if fluid.bulk_modulus.is_none() && !open {
             let sentence = format!(
@@ -281,22 +285,24 @@ impl Case {
             return Ok(());
         }
         for (index, face) in model.faces.iter().enumerate() {
+            let name = crate::boundary::FACE_NAMES[index];
+            let path = || {
+                [format!("stage.{k}.face"), "face".into()]
+                    .into_iter()
+                    .flat_map(|table| [name, "sides", "all"].map(|key| format!("{table}.{key}.solid")))
+                    .find(|path| self.source.has(path))
+                    .unwrap_or(format!("stage.{k}"))
+            };
             let moves = match &face.solid {
                 Solid::Fixed => false,
                 Solid::Servo { .. } => true,
                 Solid::Moving { velocity } => velocity[index / 2] != Signal::Constant(0.0),
             };
             if moves {
-                let name = crate::boundary::FACE_NAMES[index];
-                let path = [format!("stage.{k}.face"), "face".into()]
-                    .into_iter()
-                    .flat_map(|table| [name, "sides", "all"].map(|key| format!("{table}.{key}.solid")))
-                    .find(|path| self.source.has(path))
-                    .unwrap_or(format!("stage.{k}"));
                 return Err(self
                     .source
                     .fault(
-                        &path,
+                        &path(),
                         format!(
                             "in the stage `{}` the {name} wall moves, but the water is incompressible and every face \
                              is sealed",
@@ -354,7 +360,7 @@ impl Case {
             self.optional(&at("friction"), rule.friction, Range::Angle)?;
             match &rule.solid {
                 Some(Solid::Servo { stress, mass, speed }) => {
-                    self.signal(&at("solid.servo.stress"), stress)?;
+                    self.signal_in_time(&at("solid.servo.stress"), stress)?;
                     self.optional(&at("solid.servo.mass"), *mass, Range::Positive)?;
                     self.optional(&at("solid.servo.speed"), *speed, Range::Positive)?;
                 }
@@ -374,12 +380,23 @@ impl Case {
 
     fn signals(&self, path: &str, signals: &[Signal; 3]) -> Result<(), CaseError> {
         let mut axes = signals.iter().enumerate();
-        axes.try_for_each(|(axis, signal)| self.signal(&format!("{path}.{axis}"), signal))
+        axes.try_for_each(|(axis, signal)| self.signal_in_time(&format!("{path}.{axis}"), signal))
+    }
+
+    /// Walls and cells move as a whole: what they do is the same everywhere.
+    pub(super) fn signal_in_time(&self, path: &str, signal: &Signal) -> Result<(), CaseError> {
+        if signal.varies_in_space() {
+            return self.refuse(
+                path,
+                "walls and cells move as a whole: only t may stand in this formula, not x, y or z",
+            );
+        }
+        self.signal(path, signal)
     }
 
     pub(super) fn signal(&self, path: &str, signal: &Signal) -> Result<(), CaseError> {
         match signal {
-            Signal::Constant(_) => Ok(()),
+            Signal::Constant(_) | Signal::Expression(_) => Ok(()),
             Signal::Ramp { start, end, .. } if end < start => self.refuse(
                 &format!("{path}.ramp"),
                 format!("the ramp ends at {end} s, before it starts at {start} s"),

@@ -166,6 +166,8 @@ fn largest_stress(model: &Model) -> Option<f64> {
         Signal::Ramp { from, to, .. } => from.abs().max(to.abs()),
         Signal::Sine { mean, amplitude, .. } => mean.abs() + amplitude.abs(),
         Signal::Table(points) => points.iter().map(|p| p[1].abs()).fold(0.0, f64::max),
+        // A servo's formula is one of time only; its beginning says the order of magnitude.
+        Signal::Expression(_) => signal.at(0.0).abs(),
     };
     let stresses = model.faces.iter().filter_map(|face| match &face.solid {
         Solid::Servo { stress, .. } => Some(largest(stress)),

@@ -65,7 +65,7 @@ impl Case {
             for (row, column, signal) in components.given() {
                 let name = COMPONENTS[3 * row + column];
                 let path = format!("{table}.{kind}.{name}");
-                self.signal(&path, signal)?;
+                self.signal_in_time(&path, signal)?;
                 // A period along one axis must not lean out of the planes of the walls.
                 for axis in [column, row] {
                     if !periodic[axis] {

@@ -1,6 +1,7 @@
 //! The text of a case: overrides applied to it, and the way back from a value to its line.
 
 use super::error::{CaseError, Place, nearest};
+use crate::expression::ExpressionError;
 use serde::de::DeserializeOwned;
 use std::ops::Range;
 use toml_edit::{Document, DocumentMut, Item, TableLike, Value};
@@ -55,15 +56,27 @@ impl Source {
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, CaseError> {
         toml_edit::de::from_str(&self.text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            let (sentence, hint) = self.translate(error.message(), &span);
-            let mut shown = self.at(span, sentence);
+            let formula = ExpressionError::read(error.message());
+            // Of a formula show the word; the string begins with a quote.
+            let part = |span: Range<usize>| match &formula {
+                Some(wrong) => {
+                    let start = (span.start + 1 + wrong.start).min(span.end.max(1) - 1);
+                    start..(start + wrong.length).min(span.end.max(start))
+                }
+                None => span,
+            };
+            let (sentence, hint) = match &formula {
+                Some(wrong) => (wrong.sentence.clone(), None),
+                None => self.translate(error.message(), &span),
+            };
+            let mut shown = self.at(part(span), sentence);
             // An override that adds a line moves the following ones: name the line of the file as it is.
             if shown.place.as_ref().is_some_and(|p| p.line.is_some())
                 && let Err(first) = toml_edit::de::from_str::<T>(&self.original)
                 && first.message() == error.message()
                 && let Some(span) = first.span()
             {
-                shown.place = Some(Box::new(Place::in_file(&self.name, &self.original, span)));
+                shown.place = Some(Box::new(Place::in_file(&self.name, &self.original, part(span))));
             }
             shown.hint = hint;
             shown

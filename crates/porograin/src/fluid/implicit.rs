@@ -70,6 +70,11 @@ impl Foreseen {
         motion::foresee(state, model, loads, felt, dt, &mut self.velocities);
     }
 
+    /// What is given into each node from outside [m³/s].
+    pub fn sources(&mut self) -> &mut Vec<f64> {
+        &mut self.carried.source
+    }
+
     /// Solves for the pressures; `pressure` holds the held ones and a start.
     ///
     /// # Errors

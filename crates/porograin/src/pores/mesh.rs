@@ -44,6 +44,17 @@ pub struct Census {
     pub closed: usize,
 }
 
+/// The face of a pore on a wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallFace {
+    /// The pore.
+    pub pore: u32,
+    /// The wall.
+    pub face: u8,
+    /// [m²]
+    pub area: f64,
+}
+
 /// The pores, ready to carry water. A node is a pore, or several whose radical centres coincide.
 #[derive(Clone, Debug)]
 pub struct Mesh {
@@ -59,6 +70,8 @@ pub struct Mesh {
     pub open: [bool; 6],
     /// The face that holds the pressure of each node, or [`FREE`].
     pub held: Vec<u8>,
+    /// Each held node and where its pressure lives [m].
+    pub holds: Vec<(u32, DVec3)>,
     /// The number of each node among the free ones, or [`FIXED`].
     pub unknown: Vec<u32>,
     /// Number of free nodes.
@@ -74,6 +87,8 @@ pub struct Mesh {
     /// Volume rate of each pore per velocity of its vertices, where that is not the transpose of `force` and `torque`
     /// but the [geometric](super::geometric) one [m²].
     pub volume_rate: Option<Vec<[DVec3; 4]>>,
+    /// The faces that pores have on walls; those of one wall sum to the area of the box's face.
+    pub wall_faces: Vec<WallFace>,
     /// Where the slots of each grain begin in `slots`.
     starts: Vec<u32>,
     /// Slots `4 pore + vertex` by grain, in rising order.
@@ -179,6 +194,7 @@ impl Mesh {
                 .collect(),
             node,
             open: walls.open,
+            holds: Vec::new(),
             held,
             unknown,
             unknowns,
@@ -187,6 +203,7 @@ impl Mesh {
             force: vec![[DVec3::ZERO; 4]; pores],
             torque: vec![[DVec3::ZERO; 4]; pores],
             volume_rate: None,
+            wall_faces: Vec::new(),
             starts: Vec::new(),
             slots: Vec::new(),
             wall_slots: Vec::new(),
@@ -216,6 +233,12 @@ impl Mesh {
             }
         }
         mesh.add_wall_faces(&closing);
+        for (pore, &node) in mesh.node.iter().enumerate() {
+            let known = mesh.holds.last().is_some_and(|hold| node <= hold.0); // of pores in one node the first rules
+            if mesh.held[node as usize] != FREE && !known {
+                mesh.holds.push((node, mesh.centre[pore]));
+            }
+        }
         mesh.index_slots(packing.position.len());
         mesh
     }
@@ -226,7 +249,9 @@ impl Mesh {
             for (k, &vertex) in vertices.iter().enumerate() {
                 if let Some(face) = wall(vertex) {
                     let normal = NORMALS[face];
-                    self.force[pore][k] += normal * -closing[pore].dot(normal);
+                    let area = -closing[pore].dot(normal);
+                    self.force[pore][k] += normal * area;
+                    self.wall_faces.push(WallFace { pore: pore as u32, face: face as u8, area });
                 }
             }
         }
@@ -259,12 +284,25 @@ impl Mesh {
         self.held.len()
     }
 
-    /// Writes the pressure of each face [Pa] to the nodes it holds.
-    pub fn hold(&self, held: &[f64; 6], pressure: &mut [f64]) {
-        for (node, &face) in self.held.iter().enumerate() {
-            if face != FREE {
-                pressure[node] = held[face as usize];
+    /// Writes the pressure of each held node, a function of its face and its place [m], into `pressure` [Pa].
+    ///
+    /// # Errors
+    /// The first place where the function has no value.
+    pub fn hold(&self, imposed: impl Fn(usize, DVec3) -> f64, pressure: &mut [f64]) -> Result<(), DVec3> {
+        for &(node, place) in &self.holds {
+            let value = imposed(self.held[node as usize] as usize, place);
+            if !value.is_finite() {
+                return Err(place);
             }
+            pressure[node as usize] = value;
+        }
+        Ok(())
+    }
+
+    /// Writes one pressure for each face [Pa] to the nodes it holds.
+    pub fn hold_faces(&self, held: &[f64; 6], pressure: &mut [f64]) {
+        for &(node, _) in &self.holds {
+            pressure[node as usize] = held[self.held[node as usize] as usize];
         }
     }
 
@@ -294,6 +332,7 @@ impl Mesh {
         for (pore, &node) in self.node.iter().enumerate() {
             out.node[node as usize] += out.pore[pore];
         }
+        out.node.iter_mut().zip(&out.source).for_each(|(node, source)| *node -= source);
     }
 
     /// `S p`: adds the forces and torques of the pressures of the nodes [Pa] to the loads.
@@ -364,8 +403,10 @@ impl Mesh {
 pub struct Carried {
     /// Out of each pore.
     pub pore: Vec<f64>,
-    /// Out of each node.
+    /// Out of each node, less what is given into it.
     pub node: Vec<f64>,
+    /// Given into each node from outside; empty where nothing is.
+    pub source: Vec<f64>,
 }
 
 /// What one throat contributes.

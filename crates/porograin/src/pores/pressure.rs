@@ -59,19 +59,12 @@ impl System {
 
     /// Solves for the pressures of the nodes.
     ///
-    /// `carried` is the volume carried out of each node [m³/s], `held` the pressure of each face [Pa]; `pressure`
-    /// (length nodes) holds the start and receives the solution [Pa].
+    /// `carried` is the volume carried out of each node [m³/s]; `pressure` (length nodes) holds the imposed
+    /// pressures of held nodes and the start of free ones, and receives the solution [Pa].
     ///
     /// # Errors
     /// Those of the solver.
-    pub fn solve(
-        &mut self,
-        mesh: &Mesh,
-        carried: &[f64],
-        held: &[f64; 6],
-        pressure: &mut [f64],
-    ) -> Result<Info, Error> {
-        mesh.hold(held, pressure);
+    pub fn solve(&mut self, mesh: &Mesh, carried: &[f64], pressure: &mut [f64]) -> Result<Info, Error> {
         self.gather(mesh, carried, pressure);
         let info = self.solver.solve(&self.matrix, &self.rhs, &mut self.free)?;
         self.scatter(mesh, pressure);

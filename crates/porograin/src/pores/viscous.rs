@@ -97,7 +97,7 @@ fn apply(
     mesh.carried(&work.velocity, &work.spin, &walls, &mut work.carried);
     work.pressure.clear();
     work.pressure.resize(mesh.nodes(), 0.0);
-    system.solve(mesh, &work.carried.node, &[0.0; 6], &mut work.pressure)?;
+    system.solve(mesh, &work.carried.node, &mut work.pressure)?;
     work.loads.clear(n);
     mesh.add_loads(&work.pressure, &mut work.loads);
     let mut y = vec![0.0; x.len()];
