@@ -112,7 +112,7 @@ fn wrong_keys_and_types_are_shown_with_a_caret() {
     let shown = refused(&GOOD.replace("end = 0.1 ", "finish = 0.1 "), &[]);
     assert!(shown.contains("unknown key `finish` in `stage.0.face.all.solid.servo.stress.ramp`"), "{shown}");
     let shown = refused(&GOOD.replace("stress = 5e3", "stress = [1]"), &[]);
-    assert!(shown.contains("expected a number or a table such as"), "{shown}");
+    assert!(shown.contains("expected a number, a table such as"), "{shown}");
     let shown = refused(&GOOD.replace("fluid = false", "fluid = { viscosty = 2 }"), &[]);
     assert!(shown.contains("did you mean viscosity?"), "{shown}");
 }
