@@ -38,13 +38,15 @@ enum Op {
     Multiply,
     Divide,
     Power,
-    One(fn(f64) -> f64),
-    Two(fn(f64, f64) -> f64),
+    One(OfOne),
+    Two(OfTwo),
 }
 
 const VARIABLES: [&str; 4] = ["x", "y", "z", "t"];
 const CONSTANTS: [(&str, f64); 2] = [("pi", std::f64::consts::PI), ("e", std::f64::consts::E)];
-const OF_ONE: [(&str, fn(f64) -> f64); 15] = [
+type OfOne = fn(f64) -> f64;
+type OfTwo = fn(f64, f64) -> f64;
+const OF_ONE: [(&str, OfOne); 15] = [
     ("sin", f64::sin),
     ("cos", f64::cos),
     ("tan", f64::tan),
@@ -61,8 +63,7 @@ const OF_ONE: [(&str, fn(f64) -> f64); 15] = [
     ("abs", f64::abs),
     ("step", |x| if x >= 0.0 { 1.0 } else { 0.0 }),
 ];
-const OF_TWO: [(&str, fn(f64, f64) -> f64); 3] =
-    [("min", f64::min), ("max", f64::max), ("atan2", f64::atan2)];
+const OF_TWO: [(&str, OfTwo); 3] = [("min", f64::min), ("max", f64::max), ("atan2", f64::atan2)];
 
 /// Every name a formula may use.
 pub fn names() -> impl Iterator<Item = &'static str> {
