@@ -51,6 +51,16 @@ const EXAMPLES: &[Example] = &[
             ("pressure.svg", include_str!("../../examples/20-seepage-column/pressure.svg")),
         ],
     },
+    Example {
+        name: "21-pores-or-darcy",
+        about: "one consolidation pore by pore (case.toml) and on a grid (darcy.toml)",
+        files: &[
+            ("case.toml", include_str!("../../examples/21-pores-or-darcy/case.toml")),
+            ("darcy.toml", include_str!("../../examples/21-pores-or-darcy/darcy.toml")),
+            ("README.md", include_str!("../../examples/21-pores-or-darcy/README.md")),
+            ("pores-or-darcy.svg", include_str!("../../examples/21-pores-or-darcy/pores-or-darcy.svg")),
+        ],
+    },
 ];
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.

@@ -1,0 +1,40 @@
+//! One consolidation with both kinds of water, `examples/21-pores-or-darcy`.
+
+use porograin::case::Case;
+use porograin::run::Simulation;
+use std::path::Path;
+
+/// Every millisecond of the load: time [s], settlement [m], pressure at mid-height [Pa].
+fn consolidate(file: &str) -> Vec<[f64; 3]> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/21-pores-or-darcy").join(file);
+    let mut simulation = Simulation::new(&Case::from_file(&path, &[]).unwrap()).unwrap();
+    while simulation.stage().is_some_and(|stage| stage.name != "load") {
+        simulation.advance().unwrap();
+    }
+    let height = |simulation: &Simulation| simulation.state.domain.cell.upper().z;
+    let (start, top) = (simulation.state.time, height(&simulation));
+    let (mut seen, mut next) = (Vec::new(), 1e-3);
+    while simulation.advance().unwrap().is_some() {
+        let time = simulation.state.time - start;
+        if time >= next {
+            next += 1e-3;
+            seen.push([time, top - height(&simulation), simulation.profile().unwrap()[6]]);
+        }
+    }
+    if let Some(consolidation) = &simulation.progress.consolidation {
+        assert!((consolidation.permeability / 2.868e-8 - 1.0).abs() < 1e-3, "{}", consolidation.permeability);
+    }
+    seen
+}
+
+#[test]
+#[ignore = "long: two consolidations of 5000 grains, minutes"]
+fn pores_and_grid_consolidate_alike() {
+    let (pores, darcy) = (consolidate("case.toml"), consolidate("darcy.toml"));
+    let last = pores.last().unwrap()[1];
+    for (a, b) in pores.iter().zip(&darcy) {
+        assert!((a[1] - b[1]).abs() < 0.05 * last, "{a:?} {b:?}");
+        // At first the piston rings and the pressure with it.
+        assert!(a[0] < 4.5e-3 || (a[2] - b[2]).abs() < 0.05 * 5e3, "{a:?} {b:?}");
+    }
+}
