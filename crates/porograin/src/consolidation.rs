@@ -1,20 +1,21 @@
 //! One-dimensional consolidation against Terzaghi's theory, with the sample's own modulus and permeability.
 //!
 //! Nothing is fitted. A dry copy of the sample is loaded: the slope of the grains' displacements away from the walls
-//! is the modulus of the bulk, and what the top settles beyond that is the give of the layers at the walls. A steady
-//! flow through the same pores gives the permeability, and the volume of the pores that can store water the
-//! drainage path: pores held at an open face's pressure drain at once and store nothing, so with grains of finite
-//! size the path is shorter than the box by about a grain at each open face, and the layers at the walls settle
-//! at once.
+//! is the modulus of the bulk. A steady flow through the same pores, its pressure gradient taken away from the walls as
+//! well, gives the permeability of the bulk, and the planes where that gradient would reach the pressures of the faces
+//! are the ends of the drainage path: pores held at an open face's pressure drain at once and store nothing, so the
+//! path is shorter than the box by about half a grain at each open face. What the top settles beyond the strain
+//! of the bulk between those planes is the give of the layers at the walls, and comes at once.
 
 use crate::boundary::{Signal, Solid, Water};
 use crate::darcy;
 use crate::fluid;
 use crate::model::{Flow, FluidModel, Model};
 use crate::permeability::{self, Problem};
-use crate::pores::mesh::{FREE, Mesh};
 use crate::state::State;
 use crate::step::{StepError, Work, step};
+use glam::DVec3;
+use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -57,7 +58,7 @@ pub struct Consolidation {
     pub dry_settlement: f64,
     /// Viscosity of the water [Pa s].
     pub viscosity: f64,
-    /// Thickness of the pores held at the bottom's and at the top's pressure, volume over section [m].
+    /// How far inside the bottom and the top face a steady flow in the bulk would reach their pressure [m].
     pub held: [f64; 2],
     /// Whether bottom and top are open.
     pub open: [bool; 2],
@@ -133,6 +134,12 @@ impl Consolidation {
         }
         let cell = &state.domain.cell;
         let height = (cell.upper() - cell.origin).z;
+        let (low, high) = bulk(state);
+        if high - low < mean_diameter(state) {
+            return unsuitable(
+                "the sample is less than four grains high: no part of it is away from the walls",
+            );
+        }
         let (dry_settlement, strain) = dry_test(state, model, target, load)?;
         let modulus = load / strain;
         let (permeability, held) = measure_flow(state, model, fluid, load, open)?;
@@ -303,7 +310,8 @@ fn series(tv: f64, term: impl Fn(f64, f64) -> f64) -> f64 {
     sum
 }
 
-/// Permeability along the height [m²], and the thickness of what is held at the pressure of bottom and top [m].
+/// Permeability of the bulk along the height [m²], and how far inside bottom and top the pressure of a steady flow in the
+/// bulk reaches theirs [m].
 fn measure_flow(
     state: &State,
     model: &Model,
@@ -332,19 +340,21 @@ fn measure_flow(
     let cell = &state.domain.cell;
     let flow = permeability::measure(cell, &state.grains.position, &state.grains.radius, &problem)
         .map_err(|error| ConsolidationError::Permeability(error.to_string()))?;
-    let section = state.domain.area(TOP);
-    let held = [0, 1]
-        .map(|end| if open[end] { held_volume(&flow.mesh, (BOTTOM + end) as u8) / section } else { 0.0 });
-    Ok((flow.permeability, held))
-}
-
-/// Volume of the pores that a face holds [m³].
-fn held_volume(mesh: &Mesh, face: u8) -> f64 {
-    debug_assert!(face != FREE);
-    (0..mesh.volume.len())
-        .filter(|&pore| mesh.held[mesh.node[pore] as usize] == face)
-        .map(|p| mesh.volume[p])
-        .sum()
+    let (low, high) = bulk(state);
+    let (mesh, height) = (&flow.mesh, (cell.upper() - cell.origin).z);
+    let packing = Packing { cell, position: &state.grains.position, radius: &state.grains.radius };
+    let inner = (0..mesh.volume.len()).filter_map(|pore| {
+        let corners: [Option<DVec3>; 4] =
+            std::array::from_fn(|k| packing.point(&mesh.triangulation, pore, k));
+        let z = corners.iter().try_fold(0.0, |sum, corner| Some(sum + 0.25 * (*corner)?.z))?;
+        let pressure = flow.pressure[mesh.node[pore] as usize];
+        (low..high).contains(&z).then_some((mesh.volume[pore], z, pressure))
+    });
+    let Line { z, value, slope } = line(inner);
+    let reaches = |pressure: f64| z + (pressure - value) / slope;
+    let (bottom, top) = (reaches(drop) - cell.origin.z, cell.upper().z - reaches(0.0));
+    let held = [if open[0] { bottom } else { 0.0 }, if open[1] { top } else { 0.0 }];
+    Ok((flow.permeability * (height - bottom - top) / height, held))
 }
 
 /// Loads a dry copy of the sample slowly by `load`, up to `target` [Pa]: settlement of the top [m], strain of the bulk [-].
@@ -380,24 +390,49 @@ fn mean_diameter(state: &State) -> f64 {
     2.0 * state.grains.radius.iter().sum::<f64>() / state.grains.len() as f64
 }
 
+/// The heights between which walls have no say [m].
+fn bulk(state: &State) -> (f64, f64) {
+    let margin = MARGIN * mean_diameter(state);
+    (state.domain.cell.origin.z + margin, state.domain.cell.upper().z - margin)
+}
+
 /// Vertical strain between two states, compression positive: least-squares slope of the grains' displacements
 /// against their heights, over grains more than [`MARGIN`] mean diameters away from top and bottom.
 fn bulk_strain(before: &State, after: &State) -> f64 {
     let grains = &before.grains;
-    let margin = MARGIN * mean_diameter(before);
-    let (low, high) = (before.domain.cell.origin.z + margin, before.domain.cell.upper().z - margin);
-    let bulk = || (0..grains.len()).filter(|&i| (low..high).contains(&grains.position[i].z));
-    let moved = |i: usize| after.grains.position[i].z - grains.position[i].z;
-    let count = bulk().count() as f64;
-    let mean_z = bulk().map(|i| grains.position[i].z).sum::<f64>() / count;
-    let covariance: f64 = bulk().map(|i| (grains.position[i].z - mean_z) * moved(i)).sum();
-    let variance: f64 = bulk().map(|i| (grains.position[i].z - mean_z).powi(2)).sum();
-    -covariance / variance
+    let (low, high) = bulk(before);
+    let inner = (0..grains.len()).filter(|&i| (low..high).contains(&grains.position[i].z));
+    -line(inner.map(|i| {
+        let z = grains.position[i].z;
+        (1.0, z, after.grains.position[i].z - z)
+    }))
+    .slope
+}
+
+/// The straight line `value + slope (. - z)` through the centre of some points.
+struct Line {
+    z: f64,
+    value: f64,
+    slope: f64,
+}
+
+/// Least squares through points (weight, z, value).
+fn line(points: impl Iterator<Item = (f64, f64, f64)>) -> Line {
+    let [mut weight, mut z, mut value, mut zz, mut zv] = [0.0; 5];
+    for (w, x, y) in points {
+        weight += w;
+        z += w * x;
+        value += w * y;
+        zz += w * x * x;
+        zv += w * x * y;
+    }
+    let slope = (zv - z * value / weight) / (zz - z * z / weight);
+    Line { z: z / weight, value: value / weight, slope }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{pressure, settlement};
+    use super::{line, pressure, settlement};
 
     #[test]
     fn terzaghi_has_its_textbook_values() {
@@ -407,6 +442,12 @@ mod tests {
         assert!((pressure(1.0, 1e-4) - 1.0).abs() < 1e-9);
         assert!((pressure(1.0, 0.5) - 0.3709).abs() < 2e-3);
         assert!(pressure(0.0, 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_line_goes_through_its_points() {
+        let found = line([(1.0, 0.0, 3.0), (2.0, 1.0, 5.0), (0.5, 4.0, 11.0)].into_iter());
+        assert!((found.slope - 2.0).abs() < 1e-14 && (found.value - 2.0 * found.z - 3.0).abs() < 1e-14);
     }
 
     #[test]
