@@ -99,7 +99,13 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
             ("darcy", "Darcy's law on a grid coarser than the grains"),
         ],
     ),
-    ("conductances", &[("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)")]),
+    (
+        "conductances",
+        &[
+            ("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)"),
+            ("local-drag", "by the drag of the throat's grains, calibrated on Stokes flow"),
+        ],
+    ),
     (
         "couplings",
         &[

@@ -40,7 +40,7 @@ fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
     let conductance = match arguments.conductance {
         arguments::Conductance::HydraulicRadius => Conductance::HydraulicRadius,
         arguments::Conductance::EffectiveRadius => return Err(unknown_conductance("effective-radius")),
-        arguments::Conductance::LocalDrag => return Err(unknown_conductance("local-drag")),
+        arguments::Conductance::LocalDrag => Conductance::LocalDrag,
     };
     Ok(Problem {
         axis: match arguments.axis {
@@ -66,7 +66,9 @@ fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
 }
 
 fn unknown_conductance(name: &str) -> Failure {
-    Failure::Input(format!("the conductance `{name}` is not available in this version: use hydraulic-radius"))
+    Failure::Input(format!(
+        "the conductance `{name}` is not available in this version: use hydraulic-radius or local-drag"
+    ))
 }
 
 /// Reads the grains and checks them against the box.

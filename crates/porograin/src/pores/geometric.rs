@@ -18,7 +18,7 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
     let mut closing = vec![DVec3::ZERO; pores];
     for throat in throats(&mesh.triangulation) {
         let shape = shape(packing, &mesh.triangulation, &centres, &throat);
-        let passage = Passage { shape: &shape, vertices: throat.vertices, slip: &walls.slip };
+        let passage = Passage::new(packing, &mesh.triangulation, &centres, &throat, &shape, &walls.slip);
         let share = conductance.shares(&passage);
         let [i, j] = throat.pores.map(|pore| pore as usize);
         for (k, &slot) in FACET[throat.facet as usize].iter().enumerate() {

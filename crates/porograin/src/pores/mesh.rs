@@ -130,7 +130,7 @@ impl Mesh {
             .with_min_len(256)
             .map(|throat| {
                 let shape = shape(packing, &triangulation, &centres, throat);
-                let passage = Passage { shape: &shape, vertices: throat.vertices, slip: &walls.slip };
+                let passage = Passage::new(packing, &triangulation, &centres, throat, &shape, &walls.slip);
                 let pore = throat.pores[0] as usize;
                 let points = FACET[throat.facet as usize].map(|m| packing.point(&triangulation, pore, m));
                 let coupled = coupling(packing, &passage, points, conductance);
