@@ -19,15 +19,17 @@ const EXAMPLES: &[Example] = &[
         files: &[
             ("case.toml", include_str!("../../examples/01-oedometer/case.toml")),
             ("quick.toml", include_str!("../../examples/01-oedometer/quick.toml")),
+            ("README.md", include_str!("../../examples/01-oedometer/README.md")),
+            ("consolidation.svg", include_str!("../../examples/01-oedometer/consolidation.svg")),
         ],
     },
     Example {
         name: "05-viscous-oedometer",
         about: "the same in water so thick that steps must be implicit (case.toml, quick.toml)",
         files: &[
-            ("README.md", include_str!("../../examples/05-viscous-oedometer/README.md")),
             ("case.toml", include_str!("../../examples/05-viscous-oedometer/case.toml")),
             ("quick.toml", include_str!("../../examples/05-viscous-oedometer/quick.toml")),
+            ("README.md", include_str!("../../examples/05-viscous-oedometer/README.md")),
             ("consolidation.svg", include_str!("../../examples/05-viscous-oedometer/consolidation.svg")),
         ],
     },

@@ -25,7 +25,7 @@ until = { time = 0.05 }
 [[stage]]
 name = "hold"
 gravity = [0, 0, -9.81]
-until = { steps = 8000 }
+until = { steps = 40000 }
 [[watch]]
 measures = ["porosity", "settlement", "face-stress", "contacts", "kinetic-energy"]
 every = { steps = 50 }
@@ -152,7 +152,7 @@ fn killed_and_resumed(name: &str, case: &str, longest: u64) -> PathBuf {
 
 #[test]
 fn killed_anywhere_and_resumed_gives_the_same_bytes() {
-    killed_and_resumed("killed", "tiny.toml", 60);
+    killed_and_resumed("killed", "tiny.toml", 100);
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn a_run_leaves_what_the_contract_says() {
     assert!(case.contains("friction = 25\n"), "{case}");
     let summary: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
     assert_eq!(summary, object["summary"]);
-    assert_eq!((&summary["finished"], &summary["stages"][1]["steps"]), (&true.into(), &8000.into()));
+    assert_eq!((&summary["finished"], &summary["stages"][1]["steps"]), (&true.into(), &40000.into()));
     assert!(summary["stages"][0]["phases"]["contact"].as_f64().unwrap() > 0.0);
     let history = read("history.csv");
     let rows: Vec<Vec<&str>> = history.lines().map(|line| line.split(',').collect()).collect();

@@ -274,7 +274,8 @@ fn every_throat_balances_forces_and_moments() {
         let centres = radical_centres(packing, &mesh.triangulation);
         for throat in throats(&mesh.triangulation) {
             let shape = shape(packing, &mesh.triangulation, &centres, &throat);
-            let passage = Passage { shape: &shape, vertices: throat.vertices, slip: &[Slip::NoSlip; 6] };
+            let slip = [Slip::NoSlip; 6];
+            let passage = Passage::new(packing, &mesh.triangulation, &centres, &throat, &shape, &slip);
             let pore = throat.pores[0] as usize;
             let points = FACET[throat.facet as usize].map(|m| packing.point(&mesh.triangulation, pore, m));
             let [Some(a), Some(b), Some(c)] = points else { continue };

@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn local_drag_of_a_cubic_lattice_is_near_stokes_flow() {
         // Sangani & Acrivos (1982): K = 42.1 at c = 0.5236, k/a² = 2 R²/(9 c K).
-        let exact = 2.0 * 0.25 / (9.0 * 0.5236 * 42.1);
+        let exact = 2.0 * 0.25 / (9.0 * std::f64::consts::FRAC_PI_6 * 42.1);
         let found = cubic(Conductance::LocalDrag, 1.0, 1.0);
         assert!((found / exact - 1.0).abs() < 0.12, "{found} against {exact}");
     }
