@@ -159,8 +159,11 @@ pub struct Permeability {
     #[arg(long, value_name = "DP", default_value = "1", value_parser = positive)]
     pub drop: f64,
     /// How a throat conducts.
-    #[arg(long, value_enum, default_value = "hydraulic-radius")]
+    #[arg(long, value_enum, default_value = "local-drag")]
     pub conductance: Conductance,
+    /// Calibration factor of the hydraulic radius; by default that of a round tube, 0.5.
+    #[arg(long, value_name = "ALPHA", value_parser = positive)]
+    pub alpha: Option<f64>,
     /// How to solve for the pressures.
     #[arg(long, value_enum, default_value = "auto")]
     pub solver: Solver,

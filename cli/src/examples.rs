@@ -2,6 +2,7 @@
 
 use crate::{Failure, Outcome};
 use porograin::case::{PACKINGS, nearest};
+use porograin::pores::conductance::CONDUCTANCES;
 use porograin::watch::Measure;
 use std::path::PathBuf;
 
@@ -101,13 +102,7 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
             ("darcy", "Darcy's law on a grid coarser than the grains"),
         ],
     ),
-    (
-        "conductances",
-        &[
-            ("hydraulic-radius", "by the hydraulic radius of the throat (Catalano 2012)"),
-            ("local-drag", "by the drag of the throat's grains, calibrated on Stokes flow"),
-        ],
-    ),
+    ("conductances", &CONDUCTANCES),
     (
         "couplings",
         &[

@@ -37,9 +37,16 @@ pub fn permeability(arguments: &Permeability) -> Outcome {
 }
 
 fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
+    if arguments.alpha.is_some() && !matches!(arguments.conductance, arguments::Conductance::HydraulicRadius)
+    {
+        return Err(Failure::Input("--alpha belongs to --conductance hydraulic-radius".into()));
+    }
     let conductance = match arguments.conductance {
-        arguments::Conductance::HydraulicRadius => Conductance::HydraulicRadius,
-        arguments::Conductance::EffectiveRadius => return Err(unknown_conductance("effective-radius")),
+        arguments::Conductance::HydraulicRadius => match arguments.alpha {
+            Some(alpha) => Conductance::HydraulicRadius { alpha },
+            None => Conductance::hydraulic_radius(),
+        },
+        arguments::Conductance::EffectiveRadius => Conductance::EffectiveRadius,
         arguments::Conductance::LocalDrag => Conductance::LocalDrag,
     };
     Ok(Problem {
@@ -63,12 +70,6 @@ fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
         },
         residual: RESIDUAL,
     })
-}
-
-fn unknown_conductance(name: &str) -> Failure {
-    Failure::Input(format!(
-        "the conductance `{name}` is not available in this version: use hydraulic-radius or local-drag"
-    ))
 }
 
 /// Reads the grains and checks them against the box.
@@ -132,6 +133,8 @@ pub fn object(flow: &Flow) -> Value {
         },
         "residual": flow.residual,
         "iterations": flow.iterations,
-        "clamped": 0,
+        "merged": flow.mesh.census.merged,
+        "closed": flow.mesh.census.closed,
+        "clamped": flow.mesh.census.clamped,
     })
 }

@@ -122,8 +122,8 @@ fn report(folder: &Folder) {
             water.mass_drift
         );
         eprintln!(
-            "              {} meshes made for their strain, {} for new rules; {} pores merged, {} throats closed",
-            water.meshes_for_strain, water.meshes_for_rules, water.merged, water.closed
+            "              {} meshes made for their strain, {} for new rules; {} pores merged, {} throats closed, {} clamped",
+            water.meshes_for_strain, water.meshes_for_rules, water.merged, water.closed, water.clamped
         );
     }
     for warning in &folder.summary.warnings {

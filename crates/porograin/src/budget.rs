@@ -100,6 +100,9 @@ pub struct Budget {
     pub merged: usize,
     /// Throats of the last mesh that overlapping grains close.
     pub closed: usize,
+    /// Throats of the last mesh outside the range that their conductance is calibrated for.
+    #[serde(default)]
+    pub clamped: usize,
     /// Meshes made because water came in or a face changed its rule.
     pub meshes_for_rules: u64,
     /// Meshes made because a pore had deformed too much.
@@ -128,6 +131,7 @@ impl Budget {
         if new.is_some() || self.steps == 1 {
             self.merged = mesh.census.merged;
             self.closed = mesh.census.closed;
+            self.clamped = mesh.census.clamped;
         }
         let Some(audit) = report.audit else { return Ok(()) };
         self.audits += 1;

@@ -54,6 +54,7 @@ fn sample(viscosity: f64) -> (State, Model) {
             flow: Flow::Pores(Pores {
                 remesh: porograin::pores::Remesh { strain: 2e-4 },
                 step: porograin::pores::Stepping::Explicit,
+                conductance: porograin::pores::Conductance::hydraulic_radius(),
                 ..Pores::default()
             }),
         }),

@@ -6,7 +6,7 @@ use porograin::boundary::{Face, Signal, Solid, Water};
 use porograin::budget::{Audit, Budget, Unbalanced};
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::pores::mesh::Carried;
-use porograin::pores::{Coupling, Pores, Stepping};
+use porograin::pores::{Conductance, Coupling, Pores, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, measure, packing, step};
 
 struct Random(u64);
@@ -60,7 +60,7 @@ fn pressed(count: usize) -> (State, Model) {
 }
 
 fn water(viscosity: f64, step: Stepping) -> Option<FluidModel> {
-    let pores = Pores { step, ..Pores::default() };
+    let pores = Pores { step, conductance: Conductance::hydraulic_radius(), ..Pores::default() };
     Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) })
 }
 
@@ -87,7 +87,12 @@ fn the_new_velocities_and_the_pressures_fit() {
     model.faces[3].solid = Solid::Moving { velocity: [0.0, -1e-3, 0.0].map(Signal::Constant) };
     model.faces[5].water = Water::Pressure(Signal::Constant(1e3));
     model.damping = 0.2;
-    let pores = Pores { step: Stepping::Implicit, implicit_residual: 1e-11, ..Pores::default() };
+    let pores = Pores {
+        step: Stepping::Implicit,
+        implicit_residual: 1e-11,
+        conductance: Conductance::hydraulic_radius(),
+        ..Pores::default()
+    };
     model.fluid =
         Some(FluidModel { viscosity: 40.0, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) });
     let (mut state, mut work) = (start, Work::default());
@@ -224,6 +229,7 @@ fn the_same_bits_on_any_number_of_threads_and_without_scratch() {
     let pores = Pores {
         remesh: porograin::pores::Remesh { strain: 1e-4 },
         step: Stepping::Implicit,
+        conductance: Conductance::hydraulic_radius(),
         ..Pores::default()
     };
     model.fluid =
@@ -261,7 +267,12 @@ fn the_budget_balances_and_notices_what_does_not() {
         Ok::<_, Unbalanced>((budget, state, work))
     };
     // A balance to 1e-6 takes a solve to better than that.
-    let exact = Pores { step: Stepping::Explicit, residual: 1e-8, ..Pores::default() };
+    let exact = Pores {
+        step: Stepping::Explicit,
+        residual: 1e-8,
+        conductance: Conductance::hydraulic_radius(),
+        ..Pores::default()
+    };
     model.fluid = water(8.0, Stepping::Explicit);
     model.fluid.as_mut().unwrap().flow = Flow::Pores(exact);
     let (explicit, ..) = audit(&model, 301).unwrap();
@@ -282,7 +293,12 @@ fn the_budget_balances_and_notices_what_does_not() {
     let seen = Audit::of(mesh, &carried, &wrong, grains.len(), 1.0);
     assert!(seen.flux > 0.05 && seen.power > 0.05 && seen.force < 1e-12, "{seen:?}");
     // ... and a careless solve stops the run.
-    let pores = Pores { step: Stepping::Implicit, implicit_residual: 0.5, ..Pores::default() };
+    let pores = Pores {
+        step: Stepping::Implicit,
+        implicit_residual: 0.5,
+        conductance: Conductance::hydraulic_radius(),
+        ..Pores::default()
+    };
     model.fluid = water(800.0, Stepping::Implicit);
     model.fluid.as_mut().unwrap().flow = Flow::Pores(pores);
     let error = audit(&model, 301).map(|_| ()).unwrap_err();

@@ -69,7 +69,7 @@ fn samples() -> Vec<Sample> {
 
 fn mesh(sample: &Sample, slip: Slip, open: [bool; 6]) -> Mesh {
     let packing = Packing { cell: &sample.cell, position: &sample.x, radius: &sample.r };
-    Mesh::new(packing, &Walls { open, slip: [slip; 6] }, Conductance::HydraulicRadius, 0.7).unwrap()
+    Mesh::new(packing, &Walls { open, slip: [slip; 6] }, Conductance::hydraulic_radius(), 0.7).unwrap()
 }
 
 const TOP_BOTTOM: [bool; 6] = [false, false, false, false, true, true];
@@ -279,7 +279,7 @@ fn every_throat_balances_forces_and_moments() {
             let pore = throat.pores[0] as usize;
             let points = FACET[throat.facet as usize].map(|m| packing.point(&mesh.triangulation, pore, m));
             let [Some(a), Some(b), Some(c)] = points else { continue };
-            let coupled = coupling(packing, &passage, points, Conductance::HydraulicRadius);
+            let coupled = coupling(packing, &passage, points, Conductance::hydraulic_radius());
             let push = shape.area * shape.normal;
             let force: DVec3 = coupled.force.iter().sum();
             assert!((force - push).length() < 1e-12 * shape.area, "{}", sample.name);
@@ -304,7 +304,7 @@ fn problem(axis: usize, sides: Slip) -> Problem {
         drop: 12.0,
         sides,
         viscosity: 1e-3,
-        conductance: Conductance::HydraulicRadius,
+        conductance: Conductance::hydraulic_radius(),
         solver: Solver::Auto,
         residual: 1e-8,
     }

@@ -5,7 +5,7 @@ use porograin::boundary::{Face, Signal, Water};
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::permeability::fluxes;
 use porograin::pores::mesh::{FREE, WallFace};
-use porograin::pores::{Pores, Stepping};
+use porograin::pores::{Conductance, Pores, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Loads, Model, State, TimeStep, Work, fluid, step};
 use porograin_geometry::cell::NORMALS;
 
@@ -31,7 +31,8 @@ fn sample(faces: [Face; 6], step: Stepping) -> (State, Model) {
         contacts: Contacts::default(),
         fluid: None,
     };
-    let pores = Pores { step, residual: 1e-10, ..Pores::default() };
+    let pores =
+        Pores { step, residual: 1e-10, conductance: Conductance::hydraulic_radius(), ..Pores::default() };
     let model = Model {
         time_step: TimeStep::Automatic { safety: 0.8 },
         gravity: DVec3::ZERO,

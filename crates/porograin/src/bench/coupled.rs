@@ -41,7 +41,7 @@ pub struct CoupledBench {
     /// Relative residual at which the pressure solve stops.
     pub residual: f64,
     /// The conductance of the throats.
-    pub conductance: Conductance,
+    pub conductance: &'static str,
     /// Viscosity of the water [Pa s].
     pub viscosity: f64,
     /// Intrinsic permeability of the packing [m²].
@@ -63,7 +63,7 @@ const LOAD: f64 = 1e3;
 /// `dt mu / (k rho)` unless a viscosity is given, dt the length of a dry step and rho the density of the grains.
 const VISCOUS_NUMBER: f64 = 0.2;
 /// The conductance: that of the thesis and of the codes to compare with.
-const CONDUCTANCE: Conductance = Conductance::HydraulicRadius;
+const CONDUCTANCE: Conductance = Conductance::hydraulic_radius();
 
 fn name<S: serde::Serializer>(method: &Method, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(method)
@@ -153,7 +153,7 @@ fn consolidate(
             / water.len().max(1) as f64,
         solver: timed.work.fluid.setup().map_or(Method::Auto, |setup| setup.method),
         residual,
-        conductance: CONDUCTANCE,
+        conductance: CONDUCTANCE.name(),
         viscosity,
         permeability,
         dt: state.dt,

@@ -98,7 +98,7 @@ pub fn solvers(grains: usize) -> Result<SizeBench, BenchError> {
         let open = std::array::from_fn(|face| face >= 4);
         let walls = Walls { open, slip: [Slip::Symmetry; 6] };
         let mesh =
-            Mesh::from_triangulation(packing, triangulation, &walls, Conductance::HydraulicRadius, 1e-3);
+            Mesh::from_triangulation(packing, triangulation, &walls, Conductance::hydraulic_radius(), 1e-3);
         let conductance = clock.elapsed().as_secs_f64();
         let mut solvers = Vec::new();
         for (solver, residual, largest) in [

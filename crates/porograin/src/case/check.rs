@@ -6,7 +6,7 @@ use crate::contact::{Law, Restitution};
 use crate::darcy::{Cells, Darcy, Permeability, Transfer};
 use crate::model::{Flow, TimeStep};
 use crate::output::plot;
-use crate::pores::{Coupling, Stepping};
+use crate::pores::{Conductance, Coupling, Stepping};
 use crate::watch::Every;
 
 /// A range a number has to be in.
@@ -461,6 +461,10 @@ impl Case {
         match flow {
             Flow::Pores(pores) => {
                 self.number(&format!("{path}.pores.residual"), pores.residual, Range::Positive)?;
+                if let Conductance::HydraulicRadius { alpha } = pores.conductance {
+                    let path = format!("{path}.pores.conductance.hydraulic-radius.alpha");
+                    self.number(&path, alpha, Range::Positive)?;
+                }
                 let path_implicit = format!("{path}.pores.implicit-residual");
                 self.number(&path_implicit, pores.implicit_residual, Range::Positive)?;
                 if pores.coupling == Coupling::Geometric && pores.step == Stepping::Implicit {

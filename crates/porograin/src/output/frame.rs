@@ -162,7 +162,7 @@ mod tests {
         let cell = Cell::walled(DVec3::ZERO, DVec3::splat(3.0));
         let packing = Packing { cell: &cell, position: &position, radius: &radius };
         let walls = Walls { open: [false, false, false, false, true, true], slip: [Slip::Symmetry; 6] };
-        let mesh = Mesh::new(packing, &walls, Conductance::HydraulicRadius, 1.0).unwrap();
+        let mesh = Mesh::new(packing, &walls, Conductance::hydraulic_radius(), 1.0).unwrap();
         let drawn = pore_mesh(&mesh, &position, &cell, &vec![0.0; mesh.nodes()]);
         let mut corners = drawn.corners.iter().map(|&c| drawn.points[c as usize]);
         let mut sum = 0.0;

@@ -42,6 +42,8 @@ pub struct Census {
     pub flat: usize,
     /// Throats that overlapping grains close.
     pub closed: usize,
+    /// Throats outside the range that their conductance is calibrated for: they count as one at its end.
+    pub clamped: usize,
 }
 
 /// The face of a pore on a wall.
@@ -138,6 +140,7 @@ impl Mesh {
                     - centres.point[pore];
                 Part {
                     conductance: conductance.of(&passage, viscosity),
+                    clamped: conductance.clamps(&passage),
                     coincide: between.length() < COINCIDENT * mean_radius(packing, throat.vertices),
                     force: coupled.force,
                     torque: coupled.torque,
@@ -228,6 +231,7 @@ impl Mesh {
             let nodes = throat.pores.map(|p| mesh.node[p as usize]);
             if nodes[0] != nodes[1] {
                 mesh.census.closed += usize::from(part.conductance == 0.0);
+                mesh.census.clamped += usize::from(part.clamped);
                 mesh.links.push(nodes);
                 mesh.conductance.push(part.conductance);
             }
@@ -412,6 +416,7 @@ pub struct Carried {
 /// What one throat contributes.
 struct Part {
     conductance: f64,
+    clamped: bool,
     coincide: bool,
     force: [DVec3; 3],
     torque: [DVec3; 3],

@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
 pub struct Pores {
     /// How a throat conducts.
+    #[serde(deserialize_with = "conductance::read")]
     pub conductance: Conductance,
     /// How grains and water feel each other.
     pub coupling: Coupling,
@@ -41,7 +42,7 @@ pub struct Pores {
 impl Default for Pores {
     fn default() -> Self {
         Pores {
-            conductance: Conductance::HydraulicRadius,
+            conductance: Conductance::default(),
             coupling: Coupling::Reciprocal,
             remesh: Remesh::default(),
             residual: 1e-3,
