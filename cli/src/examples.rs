@@ -69,6 +69,24 @@ const EXAMPLES: &[Example] = &[
 /// What a case can choose from besides packings and measures: headings, and names with what they are.
 const CHOICES: &[(&str, &[(&str, &str)])] = &[
     (
+        "gradings of a cloud",
+        &[
+            ("uniform", "radii uniform within mean (1 ± spread)"),
+            ("normal", "radii normal, cut at three deviations"),
+            ("log-normal", "radii log-normal about their median, cut at three deviations"),
+            ("sieve", "a table of diameters and passing mass"),
+        ],
+    ),
+    (
+        "arrangements of a lattice",
+        &[
+            ("simple-cubic", "6 contacts, porosity 0.476"),
+            ("body-centred", "8 contacts, porosity 0.320"),
+            ("face-centred", "12 contacts, porosity 0.260"),
+            ("hexagonal-close", "12 contacts, porosity 0.260"),
+        ],
+    ),
+    (
         "contact laws",
         &[
             ("linear", "linear springs with Coulomb friction"),

@@ -110,6 +110,16 @@ fn report(folder: &Folder) {
             stage.seconds,
             shares.join(", ")
         );
+        if let Some(reached) = &stage.reached {
+            let [x, y, z] = reached.stress;
+            eprintln!(
+                "{:>12}  porosity {:.4}, {:.2} contacts per grain, {} rattlers, stress {x:.3e} {y:.3e} {z:.3e} Pa",
+                "", reached.porosity, reached.coordination, reached.rattlers
+            );
+        }
+    }
+    if let Some(error) = folder.summary.sample.grading_error {
+        eprintln!("     grading: passing mass within {error:.1e} of what was asked for");
     }
     if let Some(water) = &folder.summary.budget {
         eprintln!(

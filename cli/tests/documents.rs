@@ -62,6 +62,8 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("face.all.slip=x", true),
         ("contact={x=1}", true),
         ("grains.packing={x=1}", true),
+        ("grains.packing={cloud={count=1,grading={x=1}}}", true),
+        ("grains.packing={lattice={arrangement='x',radius=1e-3}}", true),
         ("watch.0.measures=['x']", false),
         ("fluid.flow={x=1}", true),
         ("fluid.flow.pores.solver=x", true),

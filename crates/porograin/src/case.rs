@@ -6,6 +6,7 @@
 mod build;
 mod check;
 mod error;
+mod grains;
 mod implied;
 mod material;
 mod periodic;
@@ -24,9 +25,10 @@ use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::model::{FluidModel, TimeStep};
 use crate::output::plot::Plot;
+use crate::packing::{self, Amount, Grading};
 use crate::trouble::On;
 use crate::watch::Watch;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use source::Source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -117,7 +119,7 @@ pub struct GrainsTable {
 pub enum Packing {
     /// Grains thrown at random into the box without touching each other.
     Cloud(Cloud),
-    /// Equal grains on a simple cubic lattice.
+    /// Equal grains on a lattice.
     Lattice(Lattice),
     /// Grains of a CSV file `x,y,z,r`, lines starting with `#` ignored.
     File(String),
@@ -126,41 +128,65 @@ pub enum Packing {
 /// Names of the packings as case files spell them, and what they are.
 pub const PACKINGS: [(&str, &str); 3] = [
     ("cloud", "grains thrown at random into the box, not touching"),
-    ("lattice", "equal grains on a simple cubic lattice"),
+    ("lattice", "equal grains on a simple cubic lattice, or in an arrangement of touching spheres"),
     ("file", "grains of a CSV file x,y,z,r"),
 ];
 
-/// Grains thrown at random into the box.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+/// Grains thrown at random into the box. Of `count`, `porosity` and the sizes two are given; the third follows.
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Cloud {
     /// How many.
-    pub count: usize,
-    /// Radii are uniform within `mean (1 ± spread)`.
-    #[serde(default)]
-    pub spread: f64,
+    pub count: Option<usize>,
+    /// Void part of the box; 0.75 where it is needed and left out.
+    pub porosity: Option<f64>,
+    /// Mean radius, of a log-normal grading the median [m].
+    pub radius: Option<f64>,
+    /// Radii are uniform within `mean (1 ± spread)`: short for a uniform grading.
+    pub spread: Option<f64>,
+    /// How the sizes are distributed; all equal where nothing is said.
+    pub grading: Option<Grading>,
     /// The same number gives the same cloud.
     #[serde(default)]
     pub seed: u64,
-    /// Void part of the box.
-    #[serde(default = "loose")]
-    pub porosity: f64,
 }
+
+impl Cloud {
+    /// How the sizes are distributed.
+    pub fn grading(&self) -> Grading {
+        let uniform = || Grading::Uniform { spread: self.spread.unwrap_or(0.0) };
+        self.grading.clone().unwrap_or_else(uniform)
+    }
+
+    /// How many grains there are and how large; `None` when that is given twice or not at all.
+    pub fn amount(&self) -> Option<Amount> {
+        let absolute = self.grading.as_ref().is_some_and(Grading::is_absolute);
+        let size = if absolute { Some(1.0) } else { self.radius };
+        let porosity = self.porosity.unwrap_or(LOOSE);
+        match (self.count, size) {
+            (Some(count), None) => Some(Amount::Scaled { count, porosity }),
+            (Some(count), Some(radius)) if self.porosity.is_none() => Some(Amount::Count { count, radius }),
+            (None, Some(radius)) => Some(Amount::Fill { porosity, radius }),
+            _ => None,
+        }
+    }
+}
+
+/// Porosity of a cloud when the case does not say.
+const LOOSE: f64 = 0.75;
 
 fn weightless() -> [Signal; 3] {
     [0.0; 3].map(Signal::Constant)
 }
 
-fn loose() -> f64 {
-    0.75
-}
-
-/// Equal grains on a simple cubic lattice that fills the box.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+/// Equal grains on a lattice: simple cubic, spread evenly over the box, or touching spheres in a given arrangement.
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Lattice {
-    /// How many along x, y and z.
-    pub count: [usize; 3],
+    /// How many along x, y and z, spread evenly.
+    pub count: Option<[usize; 3]>,
+    /// How as many as fit touch each other, from the low corner of the box.
+    pub arrangement: Option<packing::Lattice>,
     /// Of every grain [m].
     pub radius: f64,
 }

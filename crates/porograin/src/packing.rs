@@ -1,6 +1,11 @@
 //! Initial states: random clouds, regular lattices, growth. All of them report what they made; sizes never change
 //! silently.
 
+mod grading;
+mod lattice;
+pub use grading::Grading;
+pub use lattice::{Lattice, Misfit, lattice};
+
 use crate::grains::{Grains, sphere_volume};
 use crate::state::State;
 use glam::DVec3;
@@ -40,8 +45,8 @@ impl fmt::Display for CloudError {
             }
             CloudError::Room { placed, count } => write!(
                 f,
-                "only {placed} of {count} grains found room: random insertion stops near porosity 0.65, start looser and \
-                 compact"
+                "only {placed} of {count} grains found room: random insertion stops near porosity 0.65, start looser or in \
+                 a larger box, and compact"
             ),
         }
     }
@@ -49,11 +54,33 @@ impl fmt::Display for CloudError {
 
 impl std::error::Error for CloudError {}
 
-/// `count` grains at rest, thrown at random into a box, walled or periodic, without touching each other or a wall.
-///
-/// Radii are uniform within `mean (1 ± spread)`, the mean such that the void part of the box is `porosity`;
-/// `density` in kg/m³. The same numbers give the same cloud on every machine (generator PCG64 XSL-RR, its 53 high
-/// bits). Grains come in space-filling order; [`Grains::id`] is the order of creation, largest first.
+/// How many grains a cloud has and how large they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Amount {
+    /// So many grains, a relative grading times what makes the void part of the box `porosity`.
+    Scaled {
+        /// How many.
+        count: usize,
+        /// Void part of the box.
+        porosity: f64,
+    },
+    /// So many grains, the grading times `radius` [m]; 1 for a sieve table.
+    Count {
+        /// How many.
+        count: usize,
+        /// What a relative grading counts from.
+        radius: f64,
+    },
+    /// As many grains as leave the void part `porosity`, the grading times `radius` [m]; 1 for a sieve table.
+    Fill {
+        /// Void part of the box.
+        porosity: f64,
+        /// What a relative grading counts from.
+        radius: f64,
+    },
+}
+
+/// [`graded_cloud`] with radii uniform within `mean (1 ± spread)`.
 ///
 /// # Errors
 /// Numbers out of range, a box too small for the largest grain, or no room.
@@ -65,21 +92,52 @@ pub fn cloud(
     porosity: f64,
     density: f64,
 ) -> Result<Grains, CloudError> {
-    if count == 0 || count > 100_000_000 {
-        return Err(CloudError::Input("the count of a cloud must lie between 1 and 1e8"));
-    }
     if !(0.0..1.0).contains(&spread) {
         return Err(CloudError::Input("the spread of a cloud must be at least 0 and less than 1"));
     }
-    if !(porosity > 0.0 && porosity < 1.0) {
+    graded_cloud(cell, &Grading::Uniform { spread }, Amount::Scaled { count, porosity }, seed, density)
+}
+
+/// Grains at rest, thrown at random into a box, walled or periodic, without touching each other or a wall.
+///
+/// `density` in kg/m³. The same numbers give the same cloud on every machine (generator PCG64 XSL-RR, its 53 high
+/// bits). Grains come in space-filling order; [`Grains::id`] is the order of creation, largest first.
+///
+/// # Errors
+/// Numbers out of range, a box too small for the largest grain, or no room.
+pub fn graded_cloud(
+    cell: &Cell,
+    grading: &Grading,
+    amount: Amount,
+    seed: u64,
+    density: f64,
+) -> Result<Grains, CloudError> {
+    if let Amount::Scaled { porosity, .. } | Amount::Fill { porosity, .. } = amount
+        && !(porosity > 0.0 && porosity < 1.0)
+    {
         return Err(CloudError::Input("the porosity of a cloud must lie between 0 and 1"));
+    }
+    let count = match amount {
+        Amount::Scaled { count, .. } | Amount::Count { count, .. } => count,
+        Amount::Fill { porosity, radius } => {
+            let mean = sphere_volume(radius) * grading.mean_cube();
+            ((1.0 - porosity) * cell.volume() / mean).round() as usize
+        }
+    };
+    if count == 0 || count > 100_000_000 {
+        return Err(CloudError::Input("the count of a cloud must lie between 1 and 1e8"));
     }
     let mut random = Pcg64::new(u128::from(seed), 0x0a02_bdbf_7bb3_c0a7_ac28_fa16_a64a_bf96);
     let mut uniform = move || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-    let mut radius: Vec<f64> = (0..count).map(|_| 1.0 + spread * (2.0 * uniform() - 1.0)).collect();
+    let mut radius = grading.draw(count, &mut uniform);
     radius.sort_by(|a, b| b.total_cmp(a)); // large grains find room first
-    let solid: f64 = radius.iter().map(|&r| sphere_volume(r)).sum();
-    let scale = ((1.0 - porosity) * cell.volume() / solid).cbrt();
+    let scale = match amount {
+        Amount::Scaled { porosity, .. } => {
+            let solid: f64 = radius.iter().map(|&r| sphere_volume(r)).sum();
+            ((1.0 - porosity) * cell.volume() / solid).cbrt()
+        }
+        Amount::Count { radius, .. } | Amount::Fill { radius, .. } => radius,
+    };
     radius.iter_mut().for_each(|r| *r *= scale);
 
     let (lower, extent) = (cell.origin, cell.upper() - cell.origin);
@@ -127,65 +185,6 @@ pub fn grow(state: &mut State, factor: f64) -> f64 {
     grains.radius.iter_mut().for_each(|r| *r *= factor);
     grains.mass.iter_mut().for_each(|m| *m *= factor * factor * factor);
     grains.radius.iter().sum::<f64>() / grains.len().max(1) as f64
-}
-
-/// A regular arrangement of equal touching spheres.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lattice {
-    /// Simple cubic, 6 contacts, porosity 0.476.
-    SimpleCubic,
-    /// Body-centred cubic, 8 contacts, porosity 0.320.
-    BodyCentred,
-    /// Face-centred cubic, 12 contacts, porosity 0.260.
-    FaceCentred,
-    /// Hexagonal close packed, 12 contacts, porosity 0.260.
-    HexagonalClose,
-}
-
-/// Centres [m] of as many touching spheres of one radius as fit into a walled box, starting at its low corner.
-pub fn lattice(kind: Lattice, cell: &Cell, radius: f64) -> Vec<DVec3> {
-    let (root2, root3, root6) = (2f64.sqrt(), 3f64.sqrt(), 6f64.sqrt());
-    // The repeating brick, in radii, and the centres in it.
-    let (brick, motif): (DVec3, Vec<DVec3>) = match kind {
-        Lattice::SimpleCubic => (DVec3::splat(2.0), vec![DVec3::ZERO]),
-        Lattice::BodyCentred => {
-            let a = 4.0 / root3;
-            (DVec3::splat(a), vec![DVec3::ZERO, DVec3::splat(0.5 * a)])
-        }
-        Lattice::FaceCentred => {
-            let (a, h) = (2.0 * root2, root2);
-            let corner = |x, y, z| DVec3::new(x, y, z) * h;
-            let motif =
-                vec![DVec3::ZERO, corner(0.0, 1.0, 1.0), corner(1.0, 0.0, 1.0), corner(1.0, 1.0, 0.0)];
-            (DVec3::splat(a), motif)
-        }
-        Lattice::HexagonalClose => {
-            let layer = DVec3::new(1.0, 1.0 / root3, 2.0 * root6 / 3.0);
-            let second = DVec3::new(1.0, root3, 0.0);
-            let brick = DVec3::new(2.0, 2.0 * root3, 4.0 * root6 / 3.0);
-            (brick, vec![DVec3::ZERO, second, layer, layer + second])
-        }
-    };
-    let extent = cell.upper() - cell.origin;
-    // A box made for a whole number of spheres must not lose a layer to rounding.
-    let last = (extent - radius) + 1e-9 * radius;
-    let bricks = (extent / (radius * brick)).ceil();
-    let mut centres = Vec::new();
-    for z in 0..bricks.z as usize + 1 {
-        for y in 0..bricks.y as usize + 1 {
-            for x in 0..bricks.x as usize + 1 {
-                for part in &motif {
-                    let place =
-                        radius * (DVec3::ONE + brick * DVec3::new(x as f64, y as f64, z as f64) + *part);
-                    // Rows of a hexagonal layer start a radius further on, or wrap back by one brick.
-                    if place.cmple(last).all() {
-                        centres.push(cell.origin + place);
-                    }
-                }
-            }
-        }
-    }
-    centres
 }
 
 /// Grains placed so far, by cubes as large as the largest grain: chains through `next`, one per cube.
@@ -329,30 +328,21 @@ mod tests {
         assert!(matches!(cloud(&cell, 9, 0.1, 1, f64::NAN, 1.0), Err(CloudError::Input(_))));
     }
 
+    /// Of count, porosity and sizes two decide; the third is what follows, and no size changes.
     #[test]
-    fn lattices_touch_as_often_as_they_should() {
-        let cases = [
-            (Lattice::SimpleCubic, 6, 0.4764),
-            (Lattice::BodyCentred, 8, 0.3198),
-            (Lattice::FaceCentred, 12, 0.2595),
-            (Lattice::HexagonalClose, 12, 0.2595),
-        ];
-        for (kind, coordination, porosity) in cases {
-            let cell = Cell::walled(DVec3::ZERO, DVec3::splat(20.0));
-            let centres = lattice(kind, &cell, 0.5);
-            let middle = centres
-                .iter()
-                .min_by(|a, b| a.distance(DVec3::splat(10.0)).total_cmp(&b.distance(DVec3::splat(10.0))))
-                .unwrap();
-            let touching = centres.iter().filter(|x| (x.distance(*middle) - 1.0).abs() < 1e-9).count();
-            let overlapping = centres.iter().filter(|x| x.distance(*middle) < 1.0 - 1e-9).count();
-            assert_eq!((touching, overlapping), (coordination, 1), "{kind:?}");
-            // Away from walls: count the centres within an inner box.
-            let n = centres.iter().filter(|x| (**x - 10.0).abs().max_element() < 7.0).count();
-            let inner = 1.0 - n as f64 * sphere_volume(0.5) / 14f64.powi(3);
-            assert!((inner - porosity).abs() < 0.04, "{kind:?} {inner}");
-        }
-        let tight = Cell::walled(DVec3::ZERO, DVec3::splat(0.6));
-        assert_eq!(lattice(Lattice::SimpleCubic, &tight, 0.1).len(), 27);
+    fn sizes_are_those_asked_for() {
+        let cell = Cell::walled(DVec3::ZERO, DVec3::splat(20e-3));
+        let sieve = Grading::Sieve(vec![[1e-3, 0.0], [1.5e-3, 0.5], [2e-3, 1.0]]);
+        let fill = Amount::Fill { porosity: 0.7, radius: 1.0 };
+        let grains = graded_cloud(&cell, &sieve, fill, 1, 2600.0).unwrap();
+        let porosity = 1.0 - grains.volume() / cell.volume();
+        assert!((porosity - 0.7).abs() < 1e-3, "{porosity}");
+        assert!(grains.radius.iter().all(|r| (0.5e-3..=1e-3).contains(r)));
+        assert!(sieve.difference(&grains.radius) < 0.005);
+        let amount = Amount::Count { count: 400, radius: 1e-3 };
+        let normal = Grading::Normal { deviation: 0.1 };
+        let grains = graded_cloud(&cell, &normal, amount, 1, 2600.0).unwrap();
+        let mean = grains.radius.iter().sum::<f64>() / 400.0;
+        assert!(grains.len() == 400 && (mean - 1e-3).abs() < 2e-6, "{mean}");
     }
 }

@@ -10,7 +10,8 @@ use crate::measure;
 use crate::model::Model;
 use crate::output::folder::Folder;
 use crate::output::report;
-use crate::output::summary::{Sample, StageSummary, Terzaghi};
+use crate::output::summary::{Reached, Sample, StageSummary, Terzaghi};
+use crate::packing::Grading;
 use crate::pores::PoreState;
 use crate::progress::{Began, Done, Progress};
 use crate::stability;
@@ -36,6 +37,8 @@ pub struct Simulation {
     pub progress: Progress,
     stages: Vec<Stage>,
     model: Model,
+    /// The sizes that were asked for.
+    grading: Option<Grading>,
     /// How the stage of the last step began.
     began: Began,
     work: Work,
@@ -123,19 +126,20 @@ impl Simulation {
     /// When the grains of the case cannot be made.
     pub fn new(case: &Case) -> Result<Self, CaseError> {
         let Plan { state, stages } = case.plan()?;
-        Ok(Self::at(state, Progress::default(), stages))
+        Ok(Self::at(case, state, Progress::default(), stages))
     }
 
     /// A simulation that goes on where `state` and `progress` left off.
     pub fn resume(case: &Case, state: State, progress: Progress) -> Self {
-        Self::at(state, progress, case.stages())
+        Self::at(case, state, progress, case.stages())
     }
 
-    fn at(state: State, progress: Progress, stages: Vec<Stage>) -> Self {
+    fn at(case: &Case, state: State, progress: Progress, stages: Vec<Stage>) -> Self {
         let model = stages[progress.stage.min(stages.len() - 1)].model.clone();
         let began = progress.began.unwrap_or_default();
         let model = Model { stage_start: began.time, ..model };
-        Simulation { state, progress, stages, model, began, work: Work::default(), news: Vec::new() }
+        let grading = case.grading();
+        Simulation { state, progress, stages, model, grading, began, work: Work::default(), news: Vec::new() }
     }
 
     /// The stage that is going on; `None` when all are done.
@@ -466,6 +470,7 @@ impl Sitting {
         entry.seconds += self.clock.elapsed().as_secs_f64();
         entry.add(&simulation.work.timers);
         entry.ended = ended.to_owned();
+        entry.reached = Some(reached(simulation));
         entry.water_step = simulation.state.pores().map(PoreState::stepping);
         folder.summary.stages.truncate(stage);
         folder.summary.stages.push(entry);
@@ -514,6 +519,18 @@ fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError>
     folder.write("consolidation.svg", picture.as_bytes()).map_err(unwritable)
 }
 
+/// The sample as the stage leaves it.
+fn reached(simulation: &Simulation) -> Reached {
+    let Simulation { state, model, .. } = simulation;
+    let stress = measure::contact_stress(state, model);
+    Reached {
+        porosity: measure::porosity(state),
+        coordination: measure::coordination(state),
+        rattlers: measure::rattlers(state),
+        stress: [stress.x_axis.x, stress.y_axis.y, stress.z_axis.z],
+    }
+}
+
 /// `before` holds what was known of the pores when there was water.
 fn sample(simulation: &Simulation, before: &Sample) -> Sample {
     let State { grains, contacts, .. } = &simulation.state;
@@ -529,6 +546,7 @@ fn sample(simulation: &Simulation, before: &Sample) -> Sample {
         grains: grains.len(),
         contacts: contacts.len(),
         porosity: measure::porosity(&simulation.state),
+        grading_error: simulation.grading.as_ref().map(|grading| grading.difference(&grains.radius)),
     }
 }
 

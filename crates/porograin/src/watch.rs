@@ -49,6 +49,8 @@ pub struct Watch {
 pub enum Measure {
     /// Void part of the box.
     Porosity,
+    /// Diameters that a tenth, 30, 50, 60 and 90 % of the mass are finer than.
+    Grading,
     /// Lengths of the box.
     Size,
     /// How far the top face has come down since the stage began.
@@ -94,8 +96,9 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 20] = [
+    pub const ALL: [Measure; 21] = [
         Measure::Porosity,
+        Measure::Grading,
         Measure::Size,
         Measure::Settlement,
         Measure::Surface,
@@ -134,6 +137,7 @@ impl Measure {
     pub fn describe(self) -> &'static str {
         match self {
             Measure::Porosity => "void part of the box",
+            Measure::Grading => "diameters that 10, 30, 50, 60 and 90 % of the mass are finer than",
             Measure::Size => "lengths of the box",
             Measure::Settlement => "how far the top face has come down since the stage began",
             Measure::Surface => "height of the highest point of all grains",
@@ -177,6 +181,7 @@ impl Measure {
         let list = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect();
         match self {
             Measure::Porosity => list(&["porosity [-]"]),
+            Measure::Grading => measure::PASSING.map(|part| format!("d{:.0} [m]", 100.0 * part)).to_vec(),
             Measure::Size => list(&["size_x [m]", "size_y [m]", "size_z [m]"]),
             Measure::Settlement => list(&["settlement [m]"]),
             Measure::Surface => list(&["surface [m]"]),
@@ -244,6 +249,7 @@ impl Measure {
         let State { domain, grains, contacts, .. } = now.state;
         Some(match self {
             Measure::Porosity => vec![measure::porosity(now.state)],
+            Measure::Grading => measure::PASSING.map(|part| measure::diameter(grains, part)).to_vec(),
             Measure::Size => (domain.cell.upper() - domain.cell.origin).to_array().to_vec(),
             Measure::Settlement => vec![now.began.settlement(now.state)],
             Measure::Surface => {

@@ -1,12 +1,12 @@
 //! From a case to what a simulation starts with: the state, the model of each stage, and when each stage ends.
 
-use super::{Case, CaseError, Cloud, Lattice, Packing, StageTable, StageWater, Until};
+use super::{Case, CaseError, Cloud, Packing, StageTable, StageWater, Until};
 use crate::boundary::{Domain, Signal};
 use crate::contact::{Contacts, Laws};
 use crate::grains::{Grains, Shape};
 use crate::import;
 use crate::model::Model;
-use crate::packing;
+use crate::packing::{self, Grading};
 use crate::state::State;
 use crate::trouble::On;
 use glam::DVec3;
@@ -135,6 +135,14 @@ impl Case {
         self.stage.iter().enumerate().map(complete).collect()
     }
 
+    /// The sizes asked for, where the grains are a cloud.
+    pub fn grading(&self) -> Option<Grading> {
+        match &self.grains.packing {
+            Packing::Cloud(cloud) => Some(cloud.grading()),
+            Packing::Lattice(_) | Packing::File(_) => None,
+        }
+    }
+
     fn shape(&self) -> Shape {
         if self.domain.discs { Shape::Disc { thickness: self.domain.size[1] } } else { Shape::Sphere }
     }
@@ -143,7 +151,28 @@ impl Case {
         let (lower, upper) = self.corners();
         let density = self.grains.density;
         match &self.grains.packing {
-            Packing::Lattice(lattice) => Ok(fill(lattice, self.shape(), lower, upper, density)),
+            Packing::Lattice(lattice) => {
+                let position = match lattice.arrangement {
+                    Some(kind) => packing::lattice(kind, &self.cell(), lattice.radius).map_err(|misfit| {
+                        let sentence = format!(
+                            "the period of the cell along {} is no whole number of periods of the lattice, {:.6e} m: {} of \
+                             them are {:.6e} m",
+                            ["x", "y", "z"][misfit.axis],
+                            misfit.period,
+                            misfit.nearest,
+                            misfit.nearest * misfit.period
+                        );
+                        self.source.fault(&format!("domain.size.{}", misfit.axis), sentence)
+                    })?,
+                    None => spread(lattice.count.unwrap_or_default(), lower, upper),
+                };
+                if position.is_empty() {
+                    let sentence = format!("no sphere of radius {} m fits into the box", lattice.radius);
+                    return Err(self.source.fault("grains.packing.lattice.radius", sentence));
+                }
+                let radius = vec![lattice.radius; position.len()];
+                Ok(Grains::shaped(self.shape(), position, radius, density))
+            }
             Packing::Cloud(cloud) => self.make_cloud(cloud),
             Packing::File(file) => {
                 let path = self.folder.join(file);
@@ -158,21 +187,16 @@ impl Case {
     }
 
     fn make_cloud(&self, cloud: &Cloud) -> Result<Grains, CaseError> {
-        packing::cloud(
-            &self.cell(),
-            cloud.count,
-            cloud.spread,
-            cloud.seed,
-            cloud.porosity,
-            self.grains.density,
-        )
-        .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
+        let Some(amount) = cloud.amount() else {
+            return Err(self.source.fault("grains.packing.cloud", "the cloud has no count and no sizes"));
+        };
+        packing::graded_cloud(&self.cell(), &cloud.grading(), amount, cloud.seed, self.grains.density)
+            .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
     }
 }
 
-/// The lattice, centred in the box.
-fn fill(lattice: &Lattice, shape: Shape, lower: DVec3, upper: DVec3, density: f64) -> Grains {
-    let [nx, ny, nz] = lattice.count;
+/// Centres of a simple cubic lattice spread evenly over the box.
+fn spread([nx, ny, nz]: [usize; 3], lower: DVec3, upper: DVec3) -> Vec<DVec3> {
     let pitch = (upper - lower) / DVec3::new(nx as f64, ny as f64, nz as f64);
     let mut position = Vec::with_capacity(nx * ny * nz);
     for z in 0..nz {
@@ -182,6 +206,5 @@ fn fill(lattice: &Lattice, shape: Shape, lower: DVec3, upper: DVec3, density: f6
             }
         }
     }
-    let radius = vec![lattice.radius; position.len()];
-    Grains::shaped(shape, position, radius, density)
+    position
 }

@@ -1,6 +1,6 @@
 //! Checks of a case that need no grains: ranges of numbers, and tables that contradict each other.
 
-use super::{Case, CaseError, FaceTable, Packing, StageWater, nearest};
+use super::{Case, CaseError, FaceTable, StageWater, nearest};
 use crate::boundary::{Signal, Solid, Water};
 use crate::contact::{Law, Restitution};
 use crate::darcy::{Cells, Darcy, Permeability, Transfer};
@@ -90,74 +90,6 @@ impl Case {
                     )
                     .hint("compute the flow on a grid: flow = { darcy = {} }"));
             }
-        }
-        Ok(())
-    }
-
-    fn check_packing(&self) -> Result<(), CaseError> {
-        self.number("grains.density", self.grains.density, Range::Positive)?;
-        match &self.grains.packing {
-            Packing::Cloud(_) if self.domain.discs => {
-                return self.refuse(
-                    "grains.packing.cloud",
-                    "a cloud is made of spheres, but `domain.discs` asks for discs: use a lattice or a file",
-                );
-            }
-            Packing::Cloud(cloud) => {
-                if cloud.count == 0 {
-                    return self
-                        .refuse("grains.packing.cloud.count", "a cloud of 0 grains has nothing to simulate");
-                }
-                if !(0.0..1.0).contains(&cloud.spread) {
-                    return self.refuse(
-                        "grains.packing.cloud.spread",
-                        format!("`spread` must be at least 0 and less than 1, not {}", cloud.spread),
-                    );
-                }
-                if !(0.5..1.0).contains(&cloud.porosity) {
-                    return self.refuse(
-                        "grains.packing.cloud.porosity",
-                        format!(
-                            "a cloud of grains that do not touch has a porosity from 0.5 to 1, not {}: let a stage \
-                             compact it",
-                            cloud.porosity
-                        ),
-                    );
-                }
-            }
-            Packing::Lattice(lattice) => {
-                self.number("grains.packing.lattice.radius", lattice.radius, Range::Positive)?;
-                for (k, &count) in lattice.count.iter().enumerate() {
-                    let path = format!("grains.packing.lattice.count.{k}");
-                    if count == 0 {
-                        return self.refuse(&path, "a lattice of 0 grains has nothing to simulate");
-                    }
-                    if self.domain.discs && k == 1 {
-                        if count != 1 {
-                            return self.refuse(
-                                &path,
-                                format!(
-                                    "discs are as thick as the box along y: there is room for 1, not {count}"
-                                ),
-                            );
-                        }
-                        continue;
-                    }
-                    let needed = 2.0 * lattice.radius * count as f64;
-                    if needed > self.domain.size[k] * (1.0 + 1e-12) {
-                        return self.refuse(
-                            &path,
-                            format!(
-                                "{count} grains of radius {} m need {needed} m along {}, the box has {} m",
-                                lattice.radius,
-                                ["x", "y", "z"][k],
-                                self.domain.size[k]
-                            ),
-                        );
-                    }
-                }
-            }
-            Packing::File(_) => {}
         }
         Ok(())
     }

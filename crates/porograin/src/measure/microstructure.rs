@@ -1,6 +1,7 @@
 //! Porosity, contacts per grain, settlement.
 
 use crate::boundary::Domain;
+use crate::grains::Grains;
 use crate::model::Model;
 use crate::state::State;
 use glam::DMat3;
@@ -63,6 +64,28 @@ pub fn rattlers(state: &State) -> usize {
         next += 1;
     }
     loose.len()
+}
+
+/// Parts of the mass at which a grading is told.
+pub const PASSING: [f64; 5] = [0.1, 0.3, 0.5, 0.6, 0.9];
+
+/// The diameter [m] that `part` of the mass of the grains is finer than; half of a grain's own mass counts as finer than itself,
+/// with straight lines in between.
+pub fn diameter(grains: &Grains, part: f64) -> f64 {
+    let mut order: Vec<usize> = (0..grains.len()).collect();
+    order.sort_by(|&a, &b| grains.radius[a].total_cmp(&grains.radius[b]));
+    let total: f64 = grains.mass.iter().sum();
+    let (mut finer, mut last) = (0.0, None);
+    for k in order {
+        let (size, middle) = (2.0 * grains.radius[k], (finer + 0.5 * grains.mass[k]) / total);
+        if middle >= part {
+            let (at, before) = last.unwrap_or((middle, size));
+            return before + if middle > at { (size - before) * (part - at) / (middle - at) } else { 0.0 };
+        }
+        finer += grains.mass[k];
+        last = Some((middle, size));
+    }
+    last.map_or(0.0, |(_, size)| size)
 }
 
 /// How far a face has moved inwards from where it was in `before` [m].

@@ -7,7 +7,7 @@ mod microstructure;
 mod stress;
 pub use energy::{elastic_energy, kinetic_energy, unbalanced};
 pub use microstructure::{
-    compression, coordination, fabric, oedometric_modulus, porosity, rattlers, settlement,
+    PASSING, compression, coordination, diameter, fabric, oedometric_modulus, porosity, rattlers, settlement,
 };
 pub use stress::{contact_stress, grain_stress, invariants, wall_stress};
 

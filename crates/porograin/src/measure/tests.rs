@@ -122,3 +122,16 @@ fn invariants_and_compression_by_hand() {
     let expected = [-0.1, 0.0, 0.25, 1.0 - 1.1 * 0.75];
     assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-12), "{found:?}");
 }
+
+/// Four grains whose masses go as 1, 1, 2 and 4: diameters at the middle of each share, and straight lines.
+#[test]
+fn diameters_by_passing_mass() {
+    let mut grains = state_of(1.0, vec![DVec3::splat(0.5); 4], 0.1).grains;
+    grains.radius = vec![0.2, 0.05, 0.05, 0.1];
+    grains.mass = vec![4.0, 1.0, 1.0, 2.0];
+    for (part, expected) in
+        [(0.01, 0.1), (0.1875, 0.1), (0.375, 0.2), (0.75, 0.4), (0.5625, 0.3), (0.99, 0.4)]
+    {
+        assert!((diameter(&grains, part) - expected).abs() < 1e-12, "{part} {}", diameter(&grains, part));
+    }
+}

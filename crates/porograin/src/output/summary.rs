@@ -51,6 +51,22 @@ pub struct StageSummary {
     /// With water pore by pore: whether its steps are explicit or implicit, as chosen with the last mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub water_step: Option<Stepping>,
+    /// The sample as the stage leaves it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reached: Option<Reached>,
+}
+
+/// What a stage made of the sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reached {
+    /// Void part of the box [-].
+    pub porosity: f64,
+    /// Contacts per grain [-].
+    pub coordination: f64,
+    /// Grains that carry nothing.
+    pub rattlers: usize,
+    /// Stress carried by the contacts along x, y, z [Pa].
+    pub stress: [f64; 3],
 }
 
 /// What was measured on the sample; `None` is what nobody measured.
@@ -62,6 +78,9 @@ pub struct Sample {
     pub contacts: usize,
     /// Void part of the box [-].
     pub porosity: f64,
+    /// Of a cloud: greatest difference of passing mass from the grading asked for [-].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grading_error: Option<f64>,
     /// Number of pores.
     pub pores: Option<usize>,
     /// Number of throats.
