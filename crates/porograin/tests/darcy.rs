@@ -250,3 +250,69 @@ fn second_order_in_space_and_first_in_time() {
     let order = (time[0] / time[1]).log2();
     assert!((order - 1.0).abs() < 0.1, "in time {order} {time:?}");
 }
+
+/// Heavy grains at rest, that the water cannot move, behind a formula at some faces.
+fn held(settings: Darcy, faces: [Water; 6]) -> (State, Model) {
+    let (mut state, mut model) = sample(settings, 1e-3, None);
+    model.gravity = DVec3::ZERO;
+    state.grains.mass.fill(1e12);
+    state.grains.velocity.fill(DVec3::ZERO);
+    // Grains that do not touch have no forces.
+    state.grains.radius.iter_mut().for_each(|r| *r *= 0.8);
+    for (face, water) in model.faces.iter_mut().zip(faces) {
+        face.water = water;
+    }
+    (state, model)
+}
+
+fn formula(text: &str) -> Signal {
+    Signal::Expression(text.parse().unwrap())
+}
+
+#[test]
+fn pressures_that_vary_over_the_faces_are_met_at_every_face_of_a_cell() {
+    // A pressure that is linear in place fills the box, whatever the permeability along the axes.
+    let permeability = Permeability::Given([1e-9, 3e-9, 2e-10]);
+    let linear = || Water::Pressure(formula("1000*x - 300*y + 70*z + 5*t + 1"));
+    let faces = std::array::from_fn(|_| linear());
+    let (mut state, model) = held(Darcy { permeability, ..cells([3, 4, 5]) }, faces);
+    let mut work = Work::default();
+    for _ in 0..3 {
+        let time = state.time;
+        step(&mut state, &model, &mut work).unwrap();
+        let grid = work.fluid.darcy.grid().unwrap();
+        for (cell, p) in state.grid().unwrap().pressure[..grid.census.cells].iter().enumerate() {
+            let x = grid.centre(cell);
+            let expected = 1000.0 * x.x - 300.0 * x.y + 70.0 * x.z + 5.0 * time + 1.0;
+            assert!((p - expected).abs() < 1e-8, "{x} {p} {expected}");
+        }
+    }
+}
+
+/// Largest error of the pressure under an inflow `v cos(pi x/L)` through the bottom of a cube of edge L, top open, over the
+/// largest pressure: `p = v mu/(k q) cos(q x) sinh(q (L - z))/cosh(q L)`, `q = pi/L`.
+fn error_of_varying_inflow(n: usize) -> f64 {
+    let permeability = Permeability::Given([1e-9; 3]);
+    let mut faces = [const { Water::Sealed }; 6];
+    faces[4] = Water::Inflow(formula("1e-3*cos(pi*x/0.06)"));
+    faces[5] = Water::Pressure(Signal::Constant(0.0));
+    let (mut state, model) = held(Darcy { permeability, residual: 1e-12, ..cells([n, 2, n]) }, faces);
+    let mut work = Work::default();
+    step(&mut state, &model, &mut work).unwrap();
+    let (length, grid) = (0.06, work.fluid.darcy.grid().unwrap());
+    let q = PI / length;
+    let peak = 1e-3 * 1e-3 / (1e-9 * q);
+    let error = |cell: usize| {
+        let x = grid.centre(cell);
+        let exact = peak * (q * x.x).cos() * (q * (length - x.z)).sinh() / (q * length).cosh();
+        (state.grid().unwrap().pressure[cell] - exact).abs() / peak
+    };
+    (0..grid.census.cells).map(error).fold(0.0, f64::max)
+}
+
+#[test]
+fn an_inflow_that_varies_over_a_face_follows_its_closed_form_in_second_order() {
+    let [coarse, fine] = [8, 16].map(error_of_varying_inflow);
+    let order = (coarse / fine).log2();
+    assert!(fine < 0.01 && (order - 2.0).abs() < 0.2, "{coarse} {fine} {order}");
+}

@@ -180,18 +180,6 @@ impl Case {
     fn inflow(&self, k: usize) -> Result<(), CaseError> {
         let model = self.model(k, 0.0);
         let Some(fluid) = &model.fluid else { return Ok(()) };
-        let varies = |face: &crate::boundary::Face| match &face.water {
-            Water::Pressure(signal) | Water::Inflow(signal) => signal.varies_in_space(),
-            Water::Sealed => false,
-        };
-        if matches!(fluid.flow, Flow::Darcy(_)) && model.faces.iter().any(varies) {
-            let name = &self.stage[k].name;
-            let sentence = format!(
-                "in the stage `{name}` a formula of place stands at a face, but the water on a grid knows time only"
-            );
-            let hint = "compute the flow pore by pore: flow = { pores = {} }";
-            return Err(self.source.fault(&format!("stage.{k}"), sentence).hint(hint));
-        }
         if !model.faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
             return Ok(());
         }

@@ -395,10 +395,31 @@ fn slowing(grid: &Grid, state: &GridState, density: f64) -> Vec<f64> {
         .collect()
 }
 
+/// Takes from the rules of the faces what they impose at the middle of each wall face of the grid, `time` [s] after the
+/// stage began.
+///
+/// # Errors
+/// The first place where a formula has no value.
+pub fn impose(faces: &[Face; 6], time: f64, scratch: &mut Scratch) -> Result<(), DVec3> {
+    let Scratch { made: Some((_, grid)), imposed, .. } = scratch else { return Ok(()) };
+    imposed.clear();
+    for (w, &face) in grid.wall_face.iter().enumerate() {
+        let value = match &faces[face as usize].water {
+            Water::Pressure(signal) | Water::Inflow(signal) => signal.field(grid.wall_centre(w), time),
+            Water::Sealed => 0.0,
+        };
+        if !value.is_finite() {
+            return Err(grid.wall_centre(w));
+        }
+        imposed.push(value);
+    }
+    Ok(())
+}
+
 /// Solves for the pressures at the end of the step.
 ///
 /// `loads` are those of everything but the pressures, `wall_velocity` is what the walls would do under these and the
-/// pressures so far; `time` counts from the start of the stage.
+/// pressures so far. What the faces impose was told by [`impose`].
 ///
 /// # Errors
 /// Those of the solver.
@@ -408,7 +429,6 @@ pub fn advance(
     terms: Terms,
     loads: &Loads,
     wall_velocity: [DVec3; 6],
-    time: f64,
     scratch: &mut Scratch,
 ) -> Result<Info, Error> {
     let Scratch { made, system, velocity, pressed, resistance, dragged, imposed, flows } = scratch;
@@ -432,11 +452,6 @@ pub fn advance(
             *force = resistance.on(grid, k, *v);
             *v += terms.kick / grains.mass[k] * *force;
         });
-    imposed.clear();
-    imposed.extend(grid.wall_face.iter().map(|&face| match &around.faces[face as usize].water {
-        Water::Pressure(signal) | Water::Inflow(signal) => signal.at(time),
-        Water::Sealed => 0.0,
-    }));
     if system.as_ref().is_none_or(|(made_at, system)| made_at != at || system.terms != terms) {
         *system = Some((*at, System::new(grid, grains, terms)?));
     }

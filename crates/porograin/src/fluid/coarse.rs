@@ -1,6 +1,6 @@
 //! The verbs of the water for the grid.
 
-use super::{Fluid, Report};
+use super::{Fluid, Report, no_value};
 use crate::boundary::Water;
 use crate::darcy::{self, Around, Darcy, Scratch, Terms};
 use crate::grains::Loads;
@@ -46,6 +46,8 @@ pub fn advance(
     scratch: &mut Scratch,
 ) -> Result<Option<Report>, StepError> {
     let Some(fluid @ FluidModel { flow: Flow::Darcy(settings), .. }) = &model.fluid else { return Ok(None) };
+    let time = state.time - model.stage_start;
+    darcy::impose(&model.faces, time, scratch).map_err(|place| no_value(place, time))?;
     let Some(Fluid::Darcy(mut water)) = state.fluid.take() else { return Ok(None) };
     let terms = Terms {
         kick: kick(state, dt),
@@ -60,8 +62,7 @@ pub fn advance(
         let load = loads.wall[face] + pressed[face];
         wall_motion(face, state, model, load, load, dt).allowed()
     });
-    let time = state.time - model.stage_start;
-    let solved = darcy::advance(&mut water, &around(state, model, fluid), terms, loads, walls, time, scratch);
+    let solved = darcy::advance(&mut water, &around(state, model, fluid), terms, loads, walls, scratch);
     state.fluid = Some(Fluid::Darcy(water));
     let info = solved
         .map_err(|error| StepError::Fluid(format!("the pressures of the grid cannot be found: {error}")))?;
