@@ -38,6 +38,8 @@ const MARGIN: f64 = 1.5;
 /// Records are taken at `T_v = FIRST RATIO^k`.
 const FIRST: f64 = 1e-4;
 const RATIO: f64 = 1.12;
+/// A load that rises is seen by the theory as this many equal ones, one after the other.
+const PARTS: usize = 50;
 /// Theory and simulation are compared from here on; before, the discrete pores still see the load as a jump.
 pub const COMPARE_FROM: f64 = 0.05;
 
@@ -48,6 +50,8 @@ pub struct Consolidation {
     pub start: f64,
     /// Added stress on the top [Pa].
     pub load: f64,
+    /// How it is put on: the share that comes at each time after `start` [s].
+    pub parts: Vec<[f64; 2]>,
     /// Height of the sample then [m].
     pub height: f64,
     /// Intrinsic permeability along the height [m²].
@@ -127,11 +131,16 @@ impl Consolidation {
             return unsuitable("neither the top nor the bottom face has a water pressure");
         }
         let carried = state.domain.wall_force[TOP].z / state.domain.area(TOP);
-        let target = stress.at(0.0);
+        let (first, target, start, end) = match stress {
+            Signal::Constant(stress) => (*stress, *stress, 0.0, 0.0),
+            Signal::Ramp { from, to, start, end } => (*from, *to, *start, *end),
+            _ => return unsuitable("the stress on its top is neither a number nor a ramp"),
+        };
         let load = target - carried;
         if load <= 0.0 {
             return unsuitable("the top servo asks for no more stress than there is");
         }
+        let parts = parts(((first - carried) / load).clamp(0.0, 1.0), start, end);
         let cell = &state.domain.cell;
         let height = (cell.upper() - cell.origin).z;
         let (low, high) = bulk(state);
@@ -146,6 +155,7 @@ impl Consolidation {
         Ok(Consolidation {
             start: state.time,
             load,
+            parts,
             height,
             permeability,
             modulus,
@@ -204,12 +214,15 @@ impl Consolidation {
         self.records.push(Record { time, settlement: self.height - (cell.upper() - cell.origin).z, profile });
     }
 
-    /// Pressure over load that theory expects at height `z` [m] above the bottom.
-    pub fn theory(&self, z: f64, tv: f64) -> f64 {
+    /// Pressure over load that theory expects at height `z` [m] above the bottom, `time` [s] after `start`.
+    pub fn theory(&self, z: f64, time: f64) -> f64 {
         // Distance from an open end, at most the path.
         let path = self.path();
         let depth = if self.open[0] { z - self.held[0] } else { self.height - self.held[1] - z };
-        if depth <= 0.0 || depth >= 2.0 * path { 0.0 } else { pressure(depth / path, tv) }
+        if depth <= 0.0 || depth >= 2.0 * path {
+            return 0.0;
+        }
+        superposed(&self.parts, time, |time| pressure(depth / path, self.dimensionless(time, path)))
     }
 
     /// The comparison so far; `None` before the first record after [`COMPARE_FROM`].
@@ -224,9 +237,11 @@ impl Consolidation {
                     tv,
                     time: record.time,
                     middle: record.profile[6] / self.load,
-                    middle_theory: self.theory(0.5 * self.height, tv),
+                    middle_theory: self.theory(0.5 * self.height, record.time),
                     settlement: record.settlement / self.dry_settlement,
-                    settlement_theory: immediate + (1.0 - immediate) * settlement(tv),
+                    settlement_theory: superposed(&self.parts, record.time, |time| {
+                        immediate + (1.0 - immediate) * settlement(self.dimensionless(time, self.path()))
+                    }),
                 }
             })
             .collect();
@@ -238,14 +253,36 @@ impl Consolidation {
             max_settlement_error: worst(&|p| (p.settlement - p.settlement_theory).abs()),
             max_error_box_path: worst(&|p| {
                 let path = self.box_path();
-                let tv = self.dimensionless(p.time, path) * self.box_modulus() / self.modulus;
                 let from_end = if self.open == [true; 2] { path } else { 0.5 * self.height };
-                (p.middle - pressure(from_end / path, tv)).abs()
+                let theory = superposed(&self.parts, p.time, |time| {
+                    let tv = self.dimensionless(time, path) * self.box_modulus() / self.modulus;
+                    pressure(from_end / path, tv)
+                });
+                (p.middle - theory).abs()
             }),
-            first_pressure: points.iter().take_while(|p| p.tv < 0.01).map(|p| p.middle).fold(0.0, f64::max),
+            first_pressure: points
+                .iter()
+                .take_while(|p| p.tv < COMPARE_FROM)
+                .map(|p| p.middle)
+                .fold(0.0, f64::max),
             points,
         })
     }
+}
+
+/// A load of which the share `sudden` comes at once and the rest rises from `start` to `end` [s]: (time, share).
+fn parts(sudden: f64, start: f64, end: f64) -> Vec<[f64; 2]> {
+    let share = (1.0 - sudden) / PARTS as f64;
+    let rising = (0..PARTS).map(|k| [start + (end - start) * (k as f64 + 0.5) / PARTS as f64, share]);
+    let mut parts = vec![[0.0, sudden]];
+    parts.extend(rising.filter(|_| share > 0.0));
+    parts
+}
+
+/// What the whole load has done by `time` [s], `response` being what a load put on at once has done by then.
+fn superposed(parts: &[[f64; 2]], time: f64, response: impl Fn(f64) -> f64) -> f64 {
+    let come = parts.iter().filter(|[at, _]| *at <= time);
+    come.map(|[at, share]| share * response(time - at)).sum()
 }
 
 /// Simulation against theory.
@@ -257,7 +294,7 @@ pub struct Comparison {
     pub max_settlement_error: f64,
     /// `max_error` had path and modulus been those of the box, walls and held pores included [-].
     pub max_error_box_path: f64,
-    /// Largest mid-height pressure over the load for `T_v < 0.01` [-]; theory: 1.
+    /// Largest mid-height pressure over the load for `T_v < 0.05` [-]; theory: 1.
     pub first_pressure: f64,
     /// Every record.
     pub points: Vec<Point>,
@@ -432,7 +469,7 @@ fn line(points: impl Iterator<Item = (f64, f64, f64)>) -> Line {
 
 #[cfg(test)]
 mod tests {
-    use super::{line, pressure, settlement};
+    use super::{line, parts, pressure, settlement, superposed};
 
     #[test]
     fn terzaghi_has_its_textbook_values() {
@@ -442,6 +479,16 @@ mod tests {
         assert!((pressure(1.0, 1e-4) - 1.0).abs() < 1e-9);
         assert!((pressure(1.0, 0.5) - 0.3709).abs() < 2e-3);
         assert!(pressure(0.0, 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_load_that_rises_does_what_the_mean_of_its_past_does() {
+        assert_eq!(superposed(&parts(1.0, 0.0, 0.0), 0.1, settlement), settlement(0.1));
+        // At first U = sqrt(4 T/pi), whose mean over a ramp is two thirds of its last value.
+        let rising = superposed(&parts(0.0, 0.0, 0.01), 0.01, settlement);
+        assert!((rising / settlement(0.01) - 2.0 / 3.0).abs() < 1e-3, "{rising}");
+        let half = superposed(&parts(0.5, 0.02, 0.03), 0.02, settlement);
+        assert!((half - 0.5 * settlement(0.02)).abs() < 1e-15, "{half}");
     }
 
     #[test]

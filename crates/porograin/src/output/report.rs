@@ -55,7 +55,7 @@ impl Consolidation {
             tv: tv(record),
             z: heights.clone(),
             measured: record.profile.iter().map(|p| p / seen.load).collect(),
-            theory: heights.iter().map(|z| seen.theory(z * seen.height, tv(record))).collect(),
+            theory: heights.iter().map(|z| seen.theory(z * seen.height, record.time)).collect(),
         };
         let point =
             |p: &Point| SettlementPoint { tv: p.tv, measured: p.settlement, theory: p.settlement_theory };

@@ -105,7 +105,7 @@ pub struct Terzaghi {
     pub max_settlement_error: f64,
     /// `max_error` had path and modulus been those of the box, walls and held pores included.
     pub max_error_box_path: f64,
-    /// Largest pressure at mid-height for `T_v < 0.01`, as part of the load; theory: 1.
+    /// Largest pressure at mid-height for `T_v < 0.05`, as part of the load; theory: 1.
     pub first_pressure: f64,
     /// Added stress on the top [Pa].
     pub load: f64,
