@@ -38,7 +38,7 @@ pub enum Command {
     Plot(Plot),
     /// Write the grains of a run as they are now: x,y,z,r [m], one line per grain.
     Export(Export),
-    /// Measure the permeability of a packing between two opposite faces of its box.
+    /// Measure the permeability of a packing, between two faces of its box or through a periodic cell.
     Permeability(Permeability),
     /// Measure speed on a given packing.
     Bench(Bench),
@@ -127,13 +127,24 @@ pub struct Export {
     pub json: bool,
 }
 
-/// The packing a command works on.
+/// The region a packing fills.
 #[derive(Args)]
-pub struct Packing {
-    /// The box: x0,y0,z0,x1,y1,z1 [m].
+#[group(required = true, multiple = false)]
+pub struct Region {
+    /// A box with walls: x0,y0,z0,x1,y1,z1 [m].
     #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
-    pub corners: Corners,
+    pub corners: Option<Corners>,
+    /// A cell that repeats along x, y and z after these lengths [m].
+    #[arg(long, value_name = "A,B,C", value_parser = period, allow_hyphen_values = true)]
+    pub period: Option<Lattice>,
+    /// A cell that repeats after three vectors: ax,ay,az,bx,by,bz,cx,cy,cz [m].
+    #[arg(long, value_name = "AX,AY,AZ,…,CZ", value_parser = lattice, allow_hyphen_values = true)]
+    pub lattice: Option<Lattice>,
 }
+
+/// The period vectors of a cell [m].
+#[derive(Clone, Copy, Debug)]
+pub struct Lattice(pub [[f64; 3]; 3]);
 
 /// The low and the high corner of a box [m].
 #[derive(Clone, Copy, Debug)]
@@ -145,32 +156,39 @@ pub struct Permeability {
     /// The grains: a CSV file of x,y,z,r [m].
     pub grains: PathBuf,
     #[command(flatten)]
-    pub packing: Packing,
-    /// Along which axis the water flows.
+    pub region: Region,
+    /// Along which axis the water flows; of a periodic cell the whole tensor is measured with any.
     #[arg(long, value_enum, default_value = "z")]
     pub axis: Axis,
     /// What the water does at the four walls along the flow.
-    #[arg(long, value_enum, default_value = "symmetry")]
+    #[arg(long, value_enum, default_value = "symmetry", conflicts_with_all = ["period", "lattice"])]
     pub sides: Sides,
     /// Dynamic viscosity [Pa s].
     #[arg(long, value_name = "MU", default_value = "1e-3", value_parser = positive)]
     pub viscosity: f64,
-    /// Pressure at the low face less that at the high face [Pa].
-    #[arg(long, value_name = "DP", default_value = "1", value_parser = positive)]
+    /// Pressure at the low face of a box less that at the high face [Pa].
+    #[arg(long, value_name = "DP", default_value = "1", value_parser = positive, conflicts_with_all = ["period", "lattice"])]
     pub drop: f64,
+    /// How much the pressure falls per length in a periodic cell [Pa/m].
+    #[arg(long, value_name = "G", default_value = "1", value_parser = positive, conflicts_with = "corners")]
+    pub slope: f64,
     /// How a throat conducts.
     #[arg(long, value_enum, default_value = "local-drag")]
     pub conductance: Conductance,
     /// Calibration factor of the hydraulic radius; by default that of a round tube, 0.5.
     #[arg(long, value_name = "ALPHA", value_parser = positive)]
     pub alpha: Option<f64>,
+    /// How the force of the water is shared among the grains; the flow is the same.
+    #[arg(long, value_enum, default_value = "reciprocal")]
+    pub coupling: Coupling,
     /// How to solve for the pressures.
     #[arg(long, value_enum, default_value = "auto")]
     pub solver: Solver,
-    /// Write the force and torque of the water on each grain: fx,fy,fz,tx,ty,tz, one line per grain in input order.
+    /// Write the force and torque of the water on each grain: fx,fy,fz,tx,ty,tz, one line per grain in input order;
+    /// with `--axis all` three times as many numbers, for the flows along x, y and z.
     #[arg(long, value_name = "F.csv")]
     pub forces: Option<PathBuf>,
-    /// Write grains and pores for ParaView into this folder.
+    /// Write grains and pores for ParaView into this folder; with `--axis all` into its folders x, y and z.
     #[arg(long, value_name = "DIR")]
     pub vtk: Option<PathBuf>,
     /// Print one JSON object on standard output.
@@ -244,6 +262,8 @@ pub enum Axis {
     X,
     Y,
     Z,
+    /// One after the other.
+    All,
 }
 
 /// What the water does at a wall along the flow.
@@ -259,6 +279,15 @@ pub enum Conductance {
     HydraulicRadius,
     EffectiveRadius,
     LocalDrag,
+}
+
+/// How the force of the water is shared.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Coupling {
+    /// In moment balance in every throat, with torques.
+    Reciprocal,
+    /// By wetted surface, without torques (Catalano).
+    Geometric,
 }
 
 /// How to solve for the pressures.
@@ -327,4 +356,32 @@ fn corners(text: &str) -> Result<Corners, String> {
         return Err("the second corner must be above the first along x, y and z".into());
     }
     Ok(Corners([x0, y0, z0], [x1, y1, z1]))
+}
+
+fn numbers<const N: usize>(text: &str, names: &str) -> Result<[f64; N], String> {
+    let words: Vec<&str> = text.split(',').map(str::trim).collect();
+    let numbers: Vec<f64> = words.iter().filter_map(|word| word.parse().ok()).collect();
+    if words.len() != N || numbers.iter().any(|x| !x.is_finite()) {
+        return Err(format!("{N} numbers {names} are needed"));
+    }
+    <[f64; N]>::try_from(numbers).map_err(|_| format!("{N} numbers {names} are needed"))
+}
+
+fn period(text: &str) -> Result<Lattice, String> {
+    let [a, b, c] = numbers(text, "a,b,c")?;
+    if a <= 0.0 || b <= 0.0 || c <= 0.0 {
+        return Err("periods greater than 0 are needed".into());
+    }
+    Ok(Lattice([[a, 0.0, 0.0], [0.0, b, 0.0], [0.0, 0.0, c]]))
+}
+
+fn lattice(text: &str) -> Result<Lattice, String> {
+    let [ax, ay, az, bx, by, bz, cx, cy, cz] = numbers(text, "ax,ay,az,bx,by,bz,cx,cy,cz")?;
+    let volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
+    let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let size = length([ax, ay, az]) * length([bx, by, bz]) * length([cx, cy, cz]);
+    if volume.is_nan() || volume.abs() <= 1e-9 * size {
+        return Err("the three vectors must span a volume".into());
+    }
+    Ok(Lattice([[ax, ay, az], [bx, by, bz], [cx, cy, cz]]))
 }

@@ -6,7 +6,7 @@ use crate::{Failure, Outcome, threads};
 use porograin::bench;
 use porograin::import::Spheres;
 use porograin::permeability::{Outcome as Flow, Problem, measure};
-use porograin::pores::{Conductance, Solver};
+use porograin::pores::{Conductance, Coupling, Solver};
 use porograin::{Domain, Slip};
 use porograin_geometry::Cell;
 
@@ -149,6 +149,7 @@ fn permeability(arguments: &Bench, cell: &Cell, spheres: &Spheres) -> Outcome {
         sides: Slip::Symmetry,
         viscosity: arguments.viscosity.unwrap_or(1e-3),
         conductance: Conductance::hydraulic_radius(),
+        coupling: Coupling::Reciprocal,
         solver: Solver::Auto,
         residual: RESIDUAL,
     };

@@ -1,14 +1,16 @@
 //! `porograin permeability`.
 
-use crate::arguments::{self, Axis, Corners, Permeability, Sides};
+use crate::arguments::{self, Axis, Corners, Lattice, Permeability, Region, Sides};
 use crate::{Failure, Outcome};
-use glam::DVec3;
-use porograin::Slip;
+use glam::{DMat3, DVec3};
 use porograin::import::{self, Spheres};
 use porograin::output::frame::pore_mesh;
-use porograin::output::vtk::{self, Field, Values};
-use porograin::permeability::{Outcome as Flow, Problem, measure};
-use porograin::pores::{Conductance, Solver};
+use porograin::output::vtk::{self, Field, PoreMesh, Values};
+use porograin::permeability::{
+    Outcome as Walled, PeriodicOutcome, PeriodicProblem, Problem, Seconds, measure, measure_periodic,
+};
+use porograin::pores::{Conductance, Coupling, Solver};
+use porograin::{Loads, Slip};
 use porograin_geometry::Cell;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -19,102 +21,208 @@ pub const RESIDUAL: f64 = 1e-10;
 
 /// `porograin permeability`.
 pub fn permeability(arguments: &Permeability) -> Outcome {
-    let problem = problem(arguments)?;
-    let (cell, spheres) = packing(&arguments.grains, arguments.packing.corners)?;
-    let flow = measure(&cell, &spheres.position, &spheres.radius, &problem)
-        .map_err(|e| Failure::Run(e.to_string()))?;
-    if let Some(path) = &arguments.forces {
-        write_forces(path, &flow)?;
+    let (cell, spheres) = match &arguments.region {
+        Region { corners: Some(corners), .. } => packing(&arguments.grains, *corners)?,
+        Region { period: Some(lattice), .. } | Region { lattice: Some(lattice), .. } => {
+            periodic_packing(&arguments.grains, *lattice)?
+        }
+        _ => return Err(Failure::Input("the box or the period of the grains is needed".into())),
+    };
+    let axes = match arguments.axis {
+        Axis::X => vec![0],
+        Axis::Y => vec![1],
+        Axis::Z => vec![2],
+        Axis::All => vec![0, 1, 2],
+    };
+    if cell.periodic == [true; 3] {
+        periodic(arguments, &cell, &spheres, &axes)
+    } else {
+        walled(arguments, &cell, &spheres, &axes)
     }
-    if let Some(path) = &arguments.vtk {
-        write_vtk(path, &cell, &spheres, &flow)?;
-    }
-    eprintln!(
-        "permeability {:.6e} m2, porosity {:.4}, {} pores, {} throats",
-        flow.permeability, flow.porosity, flow.mesh.census.pores, flow.mesh.census.throats
-    );
-    Ok(Some(object(&flow)))
 }
 
-fn problem(arguments: &Permeability) -> Result<Problem, Failure> {
-    if arguments.alpha.is_some() && !matches!(arguments.conductance, arguments::Conductance::HydraulicRadius)
-    {
-        return Err(Failure::Input("--alpha belongs to --conductance hydraulic-radius".into()));
+fn walled(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[usize]) -> Outcome {
+    let mut flows = Vec::new();
+    for &axis in axes {
+        let problem = problem(arguments, axis)?;
+        let flow = measure(cell, &spheres.position, &spheres.radius, &problem)
+            .map_err(|e| Failure::Run(e.to_string()))?;
+        if let Some(path) = &arguments.vtk {
+            let pores = pore_mesh(&flow.mesh, &spheres.position, cell, &flow.pressure);
+            write_vtk(&folder_of(path, axis, axes), &spheres.position, &spheres.radius, &flow.loads, &pores)?;
+        }
+        eprintln!(
+            "permeability {:.6e} m2 along {}, porosity {:.4}, {} pores, {} throats",
+            flow.permeability, AXES[axis], flow.porosity, flow.mesh.census.pores, flow.mesh.census.throats
+        );
+        flows.push(flow);
     }
-    let conductance = match arguments.conductance {
-        arguments::Conductance::HydraulicRadius => match arguments.alpha {
-            Some(alpha) => Conductance::HydraulicRadius { alpha },
-            None => Conductance::hydraulic_radius(),
-        },
-        arguments::Conductance::EffectiveRadius => Conductance::EffectiveRadius,
-        arguments::Conductance::LocalDrag => Conductance::LocalDrag,
+    if let Some(path) = &arguments.forces {
+        write_forces(path, &flows.iter().map(|flow| &flow.loads).collect::<Vec<_>>())?;
+    }
+    Ok(Some(match &flows[..] {
+        [flow] => object(flow),
+        all => json!({
+            "permeability": all.iter().map(|flow| flow.permeability).collect::<Vec<_>>(),
+            "porosity": all[0].porosity,
+            "flows": all.iter().map(object).collect::<Vec<_>>(),
+        }),
+    }))
+}
+
+fn periodic(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[usize]) -> Outcome {
+    let problem = PeriodicProblem {
+        slope: arguments.slope,
+        viscosity: arguments.viscosity,
+        conductance: conductance(arguments)?,
+        coupling: coupling(arguments),
+        solver: solver(arguments),
+        residual: RESIDUAL,
     };
+    let found = measure_periodic(cell, &spheres.position, &spheres.radius, &problem)
+        .map_err(|e| Failure::Run(e.to_string()))?;
+    if let Some(path) = &arguments.forces {
+        write_forces(path, &axes.iter().map(|&axis| &found.flows[axis].loads).collect::<Vec<_>>())?;
+    }
+    if let Some(path) = &arguments.vtk {
+        for &axis in axes {
+            let flow = &found.flows[axis];
+            let mut pores = pore_mesh(&found.mesh, &found.position, cell, &flow.pressure);
+            pores.scalars =
+                vec![("pressure [Pa]".into(), found.mesh.pore_pressure(flow.gradient, &flow.pressure))];
+            write_vtk(&folder_of(path, axis, axes), &found.position, &spheres.radius, &flow.loads, &pores)?;
+        }
+    }
+    eprintln!("permeability [m2], {} pores, {} throats:", found.mesh.census.pores, found.mesh.census.throats);
+    for row in rows(found.tensor) {
+        eprintln!("  {:14.6e} {:14.6e} {:14.6e}", row[0], row[1], row[2]);
+    }
+    eprintln!("porosity {:.4}; pressures: {LEVEL}", found.porosity);
+    Ok(Some(periodic_object(&found, cell, axes)))
+}
+
+/// What fixes the level of the pressures in a periodic cell, where no face does.
+const LEVEL: &str = "their level is free, fixed at a mean of zero once the gradient is taken out";
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+fn rows(tensor: DMat3) -> [[f64; 3]; 3] {
+    tensor.transpose().to_cols_array_2d()
+}
+
+fn problem(arguments: &Permeability, axis: usize) -> Result<Problem, Failure> {
     Ok(Problem {
-        axis: match arguments.axis {
-            Axis::X => 0,
-            Axis::Y => 1,
-            Axis::Z => 2,
-        },
+        axis,
         drop: arguments.drop,
         sides: match arguments.sides {
             Sides::Symmetry => Slip::Symmetry,
             Sides::NoSlip => Slip::NoSlip,
         },
         viscosity: arguments.viscosity,
-        conductance,
-        solver: match arguments.solver {
-            arguments::Solver::Auto => Solver::Auto,
-            arguments::Solver::Cholesky => Solver::Cholesky,
-            arguments::Solver::Cg => Solver::Cg,
-            arguments::Solver::GaussSeidel => Solver::GaussSeidel,
-        },
+        conductance: conductance(arguments)?,
+        coupling: coupling(arguments),
+        solver: solver(arguments),
         residual: RESIDUAL,
     })
 }
 
+fn conductance(arguments: &Permeability) -> Result<Conductance, Failure> {
+    if arguments.alpha.is_some() && !matches!(arguments.conductance, arguments::Conductance::HydraulicRadius)
+    {
+        return Err(Failure::Input("--alpha belongs to --conductance hydraulic-radius".into()));
+    }
+    Ok(match arguments.conductance {
+        arguments::Conductance::HydraulicRadius => match arguments.alpha {
+            Some(alpha) => Conductance::HydraulicRadius { alpha },
+            None => Conductance::hydraulic_radius(),
+        },
+        arguments::Conductance::EffectiveRadius => Conductance::EffectiveRadius,
+        arguments::Conductance::LocalDrag => Conductance::LocalDrag,
+    })
+}
+
+fn coupling(arguments: &Permeability) -> Coupling {
+    match arguments.coupling {
+        arguments::Coupling::Reciprocal => Coupling::Reciprocal,
+        arguments::Coupling::Geometric => Coupling::Geometric,
+    }
+}
+
+fn solver(arguments: &Permeability) -> Solver {
+    match arguments.solver {
+        arguments::Solver::Auto => Solver::Auto,
+        arguments::Solver::Cholesky => Solver::Cholesky,
+        arguments::Solver::Cg => Solver::Cg,
+        arguments::Solver::GaussSeidel => Solver::GaussSeidel,
+    }
+}
+
 /// Reads the grains and checks them against the box.
 pub fn packing(path: &Path, Corners(lower, upper): Corners) -> Result<(Cell, Spheres), Failure> {
-    let name = path.display().to_string();
-    let text = import::read(path).map_err(|e| Failure::Input(e.to_string()))?;
-    let spheres = import::spheres(&name, &text).map_err(|e| Failure::Input(e.to_string()))?;
     let (lower, upper) = (DVec3::from_array(lower), DVec3::from_array(upper));
-    spheres.within(&name, &text, lower, upper).map_err(|e| Failure::Input(e.to_string()))?;
+    let spheres = read(path, |spheres, name, text| spheres.within(name, text, lower, upper))?;
     Ok((Cell::walled(lower, upper), spheres))
 }
 
-fn write_forces(path: &Path, flow: &Flow) -> Result<(), Failure> {
+/// Reads the grains and checks them against the period.
+fn periodic_packing(path: &Path, Lattice(edges): Lattice) -> Result<(Cell, Spheres), Failure> {
+    let cell = Cell::periodic(DVec3::ZERO, DMat3::from_cols_array_2d(&edges));
+    let spheres = read(path, |spheres, name, text| spheres.within_period(name, text, &cell))?;
+    Ok((cell, spheres))
+}
+
+fn read(
+    path: &Path,
+    check: impl Fn(&Spheres, &str, &str) -> Result<(), porograin::case::CaseError>,
+) -> Result<Spheres, Failure> {
+    let name = path.display().to_string();
+    let text = import::read(path).map_err(|e| Failure::Input(e.to_string()))?;
+    let spheres = import::spheres(&name, &text).map_err(|e| Failure::Input(e.to_string()))?;
+    check(&spheres, &name, &text).map_err(|e| Failure::Input(e.to_string()))?;
+    Ok(spheres)
+}
+
+fn write_forces(path: &Path, flows: &[&Loads]) -> Result<(), Failure> {
     let mut text = String::new();
-    for (force, torque) in flow.loads.force.iter().zip(&flow.loads.torque) {
-        let _ = writeln!(
-            text,
-            "{:e},{:e},{:e},{:e},{:e},{:e}",
-            force.x, force.y, force.z, torque.x, torque.y, torque.z
-        );
+    for grain in 0..flows.first().map_or(0, |loads| loads.force.len()) {
+        let numbers = flows.iter().flat_map(|l| [l.force[grain], l.torque[grain]]).flat_map(|v| v.to_array());
+        let line: Vec<String> = numbers.map(|x| format!("{x:e}")).collect();
+        let _ = writeln!(text, "{}", line.join(","));
     }
     std::fs::write(path, text).map_err(|e| Failure::Input(format!("cannot write {}: {e}", path.display())))
 }
 
+/// The folder of the flow along `axis`.
+fn folder_of(folder: &Path, axis: usize, axes: &[usize]) -> std::path::PathBuf {
+    if axes.len() > 1 { folder.join(AXES[axis]) } else { folder.to_owned() }
+}
+
 /// Grains and pores for ParaView.
-fn write_vtk(folder: &Path, cell: &Cell, spheres: &Spheres, flow: &Flow) -> Result<(), Failure> {
+fn write_vtk(
+    folder: &Path,
+    position: &[DVec3],
+    radius: &[f64],
+    loads: &Loads,
+    pores: &PoreMesh,
+) -> Result<(), Failure> {
     let grains = vtk::points(
-        &spheres.position,
+        position,
         &[
-            Field { name: "radius [m]", values: Values::Scalars(&spheres.radius) },
-            Field { name: "fluid force [N]", values: Values::Vectors(&flow.loads.force) },
-            Field { name: "fluid torque [N m]", values: Values::Vectors(&flow.loads.torque) },
+            Field { name: "radius [m]", values: Values::Scalars(radius) },
+            Field { name: "fluid force [N]", values: Values::Vectors(&loads.force) },
+            Field { name: "fluid torque [N m]", values: Values::Vectors(&loads.torque) },
         ],
     );
-    let pores = vtk::mesh(&pore_mesh(&flow.mesh, &spheres.position, cell, &flow.pressure));
     let write = || {
         std::fs::create_dir_all(folder)?;
         std::fs::write(folder.join("grains.vtp"), grains)?;
-        std::fs::write(folder.join("pores.vtu"), pores)
+        std::fs::write(folder.join("pores.vtu"), vtk::mesh(pores))
     };
     write().map_err(|e| Failure::Input(format!("cannot write into {}: {e}", folder.display())))
 }
 
-/// The object that `--json` prints.
-pub fn object(flow: &Flow) -> Value {
+/// The object that `--json` prints for a box.
+pub fn object(flow: &Walled) -> Value {
     let walls: Vec<[f64; 3]> = flow.loads.wall.iter().map(|f| f.to_array()).collect();
     json!({
         "permeability": flow.permeability,
@@ -126,15 +234,48 @@ pub fn object(flow: &Flow) -> Value {
         "pressure_profile": flow.pressure_profile,
         "force_sum": flow.force_sum.to_array(),
         "wall_forces": walls,
-        "seconds": {
-            "triangulation": flow.seconds.triangulation,
-            "conductance": flow.seconds.conductance,
-            "solve": flow.seconds.solve,
-        },
+        "seconds": seconds(&flow.seconds),
         "residual": flow.residual,
         "iterations": flow.iterations,
         "merged": flow.mesh.census.merged,
         "closed": flow.mesh.census.closed,
         "clamped": flow.mesh.census.clamped,
+    })
+}
+
+/// The object that `--json` prints for a periodic cell; what belongs to a flow is a list of three with `--axis all`.
+fn periodic_object(found: &PeriodicOutcome, cell: &Cell, axes: &[usize]) -> Value {
+    let each = |of: &dyn Fn(usize) -> Value| match axes {
+        [axis] => of(*axis),
+        all => all.iter().map(|&axis| of(axis)).collect(),
+    };
+    let vector = |v: DVec3| json!(v.to_array());
+    let flow = |axis: usize| &found.flows[axis];
+    json!({
+        "permeability": each(&|axis| found.tensor.col(axis)[axis].into()),
+        "permeability_tensor": rows(found.tensor),
+        "gradient": each(&|axis| vector(flow(axis).gradient)),
+        "mean_velocity": each(&|axis| vector(flow(axis).mean_velocity)),
+        "force_sum": each(&|axis| vector(flow(axis).force_sum)),
+        "flux_imbalance": each(&|axis| flow(axis).imbalance.into()),
+        "residual": each(&|axis| flow(axis).residual.into()),
+        "iterations": each(&|axis| flow(axis).iterations.into()),
+        "porosity": found.porosity,
+        "volume": cell.volume(),
+        "pores": found.mesh.census.pores,
+        "throats": found.mesh.census.throats,
+        "merged": found.mesh.census.merged,
+        "closed": found.mesh.census.closed,
+        "pressure_level": LEVEL,
+        "seconds": seconds(&found.seconds),
+        "clamped": found.mesh.census.clamped,
+    })
+}
+
+fn seconds(seconds: &Seconds) -> Value {
+    json!({
+        "triangulation": seconds.triangulation,
+        "conductance": seconds.conductance,
+        "solve": seconds.solve,
     })
 }

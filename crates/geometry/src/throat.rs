@@ -87,6 +87,27 @@ pub struct Shape {
     pub surface: [f64; 3],
 }
 
+impl Throat {
+    /// The places of the throat's vertices in the second pore. Names alone do not tell: in a small periodic sample a
+    /// pore can have several images of one grain.
+    pub fn slots(&self, mesh: &Triangulation) -> [usize; 3] {
+        let [first, second] = self.pores.map(|pore| pore as usize);
+        std::array::from_fn(|k| {
+            let same = |&slot: &usize| {
+                let (vertex, other) = (self.vertices[k], mesh.pores[second][slot]);
+                vertex == other
+                    && (mesh.shifts.is_empty() || wall(vertex).is_some() || {
+                        let mine = mesh.shifts[first][FACET[self.facet as usize][k]];
+                        let theirs = mesh.shifts[second][slot];
+                        (0..3).all(|axis| theirs[axis] + self.shift[axis] == mine[axis])
+                    })
+            };
+            // Two pores share all three vertices of the facet between them.
+            (0..4).find(same).unwrap_or(0)
+        })
+    }
+}
+
 impl Packing<'_> {
     /// The centre of vertex `k` of a pore, or `None` for a wall.
     #[inline]

@@ -371,6 +371,7 @@ fn measure_flow(
         sides: model.faces[0].slip,
         viscosity: fluid.viscosity,
         conductance: pores.conductance,
+        coupling: pores.coupling,
         solver: pores.solver,
         residual: pores.residual,
     };

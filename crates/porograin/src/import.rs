@@ -2,6 +2,10 @@
 
 use crate::case::{CaseError, Place, reason};
 use glam::DVec3;
+use porograin_geometry::{Cell, Period};
+
+/// Grains may overlap their own image by this part of their diameter: rounding of a lattice that touches.
+const TOUCHING: f64 = 1e-6;
 
 /// Centres and radii [m], in the order of the file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -83,20 +87,10 @@ pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
     if spheres.radius.is_empty() {
         return Err(CaseError::new(format!("the grain file {name} holds no grain")));
     }
-    if let Some((i, j)) = swallowed(&spheres) {
-        let (a, b) = (spheres.line[i], spheres.line[j]);
-        let mut error = spheres.fault(
-            name,
-            text,
-            j,
-            format!(
-                "the grains of lines {a} and {b} overlap so deeply that one holds the centre of the other"
-            ),
-        );
-        error.hint = Some(format!("line {a} is {}", text.lines().nth(a - 1).unwrap_or("").trim()));
-        return Err(error);
+    match swallowed(&spheres.position, &spheres.radius) {
+        Some((i, j)) => Err(spheres.swallowing(name, text, i, j, "the centre")),
+        None => Ok(spheres),
     }
-    Ok(spheres)
 }
 
 impl Spheres {
@@ -129,6 +123,64 @@ impl Spheres {
         Ok(())
     }
 
+    /// Refuses the first grain that overlaps its own image in a periodic cell, or holds the centre of an image of another.
+    ///
+    /// # Errors
+    /// Names the line of that grain in the file called `name`.
+    pub fn within_period(&self, name: &str, text: &str, cell: &Cell) -> Result<(), CaseError> {
+        let Some(period) = Period::of(cell) else { return Ok(()) };
+        let widest = self.radius.iter().copied().fold(0.0, f64::max);
+        // Images whose cells come as near to this one as the widest diameter.
+        let reach = [0, 1, 2].map(|axis| (2.0 * widest / period.across(axis)).floor().min(100.0) as i32 + 1);
+        let range = |axis: usize| -reach[axis]..=reach[axis];
+        let shifts = range(0).flat_map(|a| range(1).flat_map(move |b| range(2).map(move |c| [a, b, c])));
+        let shifts: Vec<DVec3> = shifts
+            .filter(|&shift| shift != [0; 3])
+            .map(|shift| period.shift(DVec3::from(shift.map(f64::from))))
+            .collect();
+        let nearest = shifts.iter().map(|shift| shift.length()).fold(f64::INFINITY, f64::min);
+        if let Some(k) = self.radius.iter().position(|r| 2.0 * r > nearest * (1.0 + TOUCHING)) {
+            let sentence = format!(
+                "the grain, {} m across, overlaps its own image {nearest} m away",
+                2.0 * self.radius[k]
+            );
+            return Err(self.fault(name, text, k, sentence));
+        }
+        let inside: Vec<DVec3> = self.position.iter().map(|&x| x - period.shift(period.beyond(x))).collect();
+        let (mut position, mut radius) = (inside.clone(), self.radius.clone());
+        let mut source: Vec<usize> = (0..inside.len()).collect();
+        for &shift in &shifts {
+            for (k, &x) in inside.iter().enumerate() {
+                let place = period.coordinates(x + shift);
+                let near = |axis: usize| {
+                    let margin = widest / period.across(axis);
+                    (-margin..=1.0 + margin).contains(&place[axis])
+                };
+                if (0..3).all(near) {
+                    position.push(x + shift);
+                    radius.push(self.radius[k]);
+                    source.push(k);
+                }
+            }
+        }
+        match swallowed(&position, &radius) {
+            Some((i, j)) => {
+                let (i, j) = (source[i].min(source[j]), source[i].max(source[j]));
+                Err(self.swallowing(name, text, i, j, "the centre of an image"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn swallowing(&self, name: &str, text: &str, i: usize, j: usize, what: &str) -> CaseError {
+        let (a, b) = (self.line[i], self.line[j]);
+        let sentence =
+            format!("the grains of lines {a} and {b} overlap so deeply that one holds {what} of the other");
+        let mut error = self.fault(name, text, j, sentence);
+        error.hint = Some(format!("line {a} is {}", text.lines().nth(a - 1).unwrap_or("").trim()));
+        error
+    }
+
     fn fault(&self, name: &str, text: &str, grain: usize, sentence: String) -> CaseError {
         let start: usize = text.split_inclusive('\n').take(self.line[grain] - 1).map(str::len).sum();
         let width = text[start..].lines().next().unwrap_or("").trim_end().len();
@@ -146,17 +198,17 @@ fn is_heading(line: &str) -> bool {
 }
 
 /// The first pair, in order of x, of which one holds the centre of the other.
-fn swallowed(spheres: &Spheres) -> Option<(usize, usize)> {
-    let mut order: Vec<usize> = (0..spheres.radius.len()).collect();
-    order.sort_by(|&a, &b| spheres.position[a].x.total_cmp(&spheres.position[b].x).then(a.cmp(&b)));
-    let widest = spheres.radius.iter().copied().fold(0.0, f64::max);
+fn swallowed(position: &[DVec3], radius: &[f64]) -> Option<(usize, usize)> {
+    let mut order: Vec<usize> = (0..radius.len()).collect();
+    order.sort_by(|&a, &b| position[a].x.total_cmp(&position[b].x).then(a.cmp(&b)));
+    let widest = radius.iter().copied().fold(0.0, f64::max);
     for (k, &i) in order.iter().enumerate() {
         for &j in &order[k + 1..] {
-            let apart = spheres.position[j] - spheres.position[i];
+            let apart = position[j] - position[i];
             if apart.x > widest {
                 break;
             }
-            if apart.length() < spheres.radius[i].max(spheres.radius[j]) {
+            if apart.length() < radius[i].max(radius[j]) {
                 return Some((i.min(j), i.max(j)));
             }
         }

@@ -1,9 +1,12 @@
-//! Permeability of a walled packing: steady flow between two opposite faces.
+//! Permeability of a packing: steady flow between two opposite faces of a box, or through a periodic cell.
+
+mod periodic;
+pub use periodic::{Flow, PeriodicOutcome, PeriodicProblem, measure_periodic};
 
 use crate::boundary::Slip;
 use crate::grains::{Loads, sphere_volume};
 use crate::pores::mesh::{Mesh, Walls};
-use crate::pores::{Conductance, Solver, System};
+use crate::pores::{Conductance, Coupling, Solver, System, geometric};
 use glam::DVec3;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::{Cell, Triangulation, TriangulationError};
@@ -29,6 +32,8 @@ pub struct Problem {
     pub viscosity: f64,
     /// How a throat conducts.
     pub conductance: Conductance,
+    /// How the forces on the grains are shared.
+    pub coupling: Coupling,
     /// How to solve.
     pub solver: Solver,
     /// Relative residual of the solve.
@@ -113,16 +118,8 @@ pub fn measure(
         walls.open[face] = true;
         walls.slip[face] = Slip::Symmetry;
     }
-    let mut seconds = Seconds::default();
-    let clock = Instant::now();
-    let triangulation =
-        Triangulation::new(cell, position, radius).map_err(PermeabilityError::Triangulation)?;
-    seconds.triangulation = clock.elapsed().as_secs_f64();
-
-    let clock = Instant::now();
-    let mesh =
-        Mesh::from_triangulation(packing, triangulation, &walls, problem.conductance, problem.viscosity);
-    seconds.conductance = clock.elapsed().as_secs_f64();
+    let (mesh, mut seconds) =
+        meshed(packing, &walls, problem.conductance, problem.coupling, problem.viscosity)?;
 
     let clock = Instant::now();
     let mut pressure = vec![0.0; mesh.nodes()];
@@ -173,6 +170,28 @@ pub fn measure(
         mesh,
         seconds,
     })
+}
+
+/// Makes the pores, with the seconds it took.
+fn meshed(
+    packing: Packing,
+    walls: &Walls,
+    conductance: Conductance,
+    coupling: Coupling,
+    viscosity: f64,
+) -> Result<(Mesh, Seconds), PermeabilityError> {
+    let mut seconds = Seconds::default();
+    let clock = Instant::now();
+    let triangulation = Triangulation::new(packing.cell, packing.position, packing.radius)
+        .map_err(PermeabilityError::Triangulation)?;
+    seconds.triangulation = clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    let mut mesh = Mesh::from_triangulation(packing, triangulation, walls, conductance, viscosity);
+    if coupling == Coupling::Geometric {
+        geometric::couple(&mut mesh, packing, walls, conductance);
+    }
+    seconds.conductance = clock.elapsed().as_secs_f64();
+    Ok((mesh, seconds))
 }
 
 /// Net flux out of each node through its throats [m³/s].

@@ -4,7 +4,7 @@ use glam::DVec3;
 use porograin::boundary::Slip;
 use porograin::permeability::{Outcome, Problem, measure};
 use porograin::pores::conductance::{CONDUCTANCES, Conductance, Custom, Passage};
-use porograin::pores::{Pores, Solver};
+use porograin::pores::{Coupling, Pores, Solver};
 use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
 use porograin_geometry::{Cell, Triangulation};
 use std::f64::consts::PI;
@@ -54,7 +54,9 @@ impl Sample {
 
     fn flow(&self, conductance: Conductance, sides: Slip, viscosity: f64) -> Outcome {
         let (solver, residual) = (Solver::Cholesky, 1e-10);
-        let problem = Problem { axis: 2, drop: 1.0, sides, viscosity, conductance, solver, residual };
+        let coupling = Coupling::Reciprocal;
+        let problem =
+            Problem { axis: 2, drop: 1.0, sides, viscosity, conductance, coupling, solver, residual };
         measure(&self.cell, &self.x, &self.r, &problem).unwrap()
     }
 }

@@ -7,7 +7,7 @@ use porograin::permeability::{Problem, measure};
 use porograin::pores::conductance::Passage;
 use porograin::pores::coupling::coupling;
 use porograin::pores::mesh::{Carried, Mesh, Walls};
-use porograin::pores::{Conductance, Solver, System};
+use porograin::pores::{Conductance, Coupling, Solver, System};
 use porograin_geometry::Cell;
 use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
 use porograin_geometry::triangulation::{FACET, wall};
@@ -305,6 +305,7 @@ fn problem(axis: usize, sides: Slip) -> Problem {
         sides,
         viscosity: 1e-3,
         conductance: Conductance::hydraulic_radius(),
+        coupling: Coupling::Reciprocal,
         solver: Solver::Auto,
         residual: 1e-8,
     }

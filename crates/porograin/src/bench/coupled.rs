@@ -6,7 +6,7 @@ use crate::measure::wall_stress;
 use crate::model::{Flow, FluidModel, Model};
 use crate::packing::CloudError;
 use crate::permeability::{PermeabilityError, Problem, measure};
-use crate::pores::{Conductance, Pores, Remesh, Solver, Stepping};
+use crate::pores::{Conductance, Coupling, Pores, Remesh, Solver, Stepping};
 use crate::state::State;
 use crate::step::StepError;
 use glam::DVec3;
@@ -172,6 +172,7 @@ fn permeability(state: &State) -> Result<f64, PermeabilityError> {
         sides: Slip::Symmetry,
         viscosity: 1.0,
         conductance: CONDUCTANCE,
+        coupling: Coupling::Reciprocal,
         solver: Solver::Auto,
         residual: 1e-6,
     };

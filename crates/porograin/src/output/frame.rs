@@ -92,6 +92,8 @@ fn grid_mesh(grid: &Grid, pressure: &[f64], viscosity: f64) -> PoreMesh {
 }
 
 /// Pores as cells: tetrahedra, and at the walls wedges and boxes. `pressure` has one entry per node of the mesh [Pa].
+///
+/// Every pore of a periodic cell is drawn once, in one piece: some stick out of the cell.
 pub fn pore_mesh(mesh: &Mesh, position: &[DVec3], cell: &Cell, pressure: &[f64]) -> PoreMesh {
     let mut drawn = PoreMesh { points: position.to_vec(), ..PoreMesh::default() };
     let onto = |mut x: DVec3, faces: &[usize]| {
@@ -100,11 +102,21 @@ pub fn pore_mesh(mesh: &Mesh, position: &[DVec3], cell: &Cell, pressure: &[f64])
         }
         x
     };
-    for vertices in &mesh.triangulation.pores {
-        let grains: Vec<u32> = vertices.iter().copied().filter(|&v| wall(v).is_none()).collect();
+    for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
+        let mut grains = Vec::with_capacity(4);
+        for (k, &vertex) in vertices.iter().enumerate().filter(|&(_, &v)| wall(v).is_none()) {
+            match mesh.triangulation.shifts.get(pore).map_or([0; 3], |shifts| shifts[k]) {
+                [0, 0, 0] => grains.push(vertex),
+                shift => {
+                    grains.push(drawn.points.len() as u32);
+                    drawn.points.push(position[vertex as usize] + cell.shift(shift));
+                }
+            }
+        }
         let faces: Vec<usize> = vertices.iter().filter_map(|&v| wall(v)).collect();
         let mut corner = |grain: u32, faces: &[usize]| {
-            drawn.points.push(onto(position[grain as usize], faces));
+            let below = onto(drawn.points[grain as usize], faces);
+            drawn.points.push(below);
             drawn.points.len() as u32 - 1
         };
         let (shape, mut corners) = match (&grains[..], &faces[..]) {

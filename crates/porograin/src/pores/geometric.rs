@@ -3,8 +3,9 @@
 //! can give the grains energy: see the tests of the implicit step.
 
 use super::conductance::{Conductance, Passage};
-use super::mesh::{Mesh, Walls};
-use glam::DVec3;
+use super::images;
+use super::mesh::{Mesh, Walls, between};
+use glam::{DMat3, DVec3};
 use porograin_geometry::gradient::pore_volume_gradient;
 use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
 use porograin_geometry::triangulation::FACET;
@@ -14,6 +15,11 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
     let pores = mesh.triangulation.pores.len();
     mesh.force = vec![[DVec3::ZERO; 4]; pores];
     mesh.torque = vec![[DVec3::ZERO; 4]; pores];
+    if let Some(images) = &mut mesh.images {
+        images.stretch.fill(DMat3::ZERO);
+        images.wall_drag.clear();
+    }
+    mesh.wall_faces.clear();
     let centres = radical_centres(packing, &mesh.triangulation);
     let mut closing = vec![DVec3::ZERO; pores];
     for throat in throats(&mesh.triangulation) {
@@ -21,13 +27,22 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
         let passage = Passage::new(packing, &mesh.triangulation, &centres, &throat, &shape, &walls.slip);
         let share = conductance.shares(&passage);
         let [i, j] = throat.pores.map(|pore| pore as usize);
+        let slots = throat.slots(&mesh.triangulation);
+        let mut forces = [DVec3::ZERO; 3];
         for (k, &slot) in FACET[throat.facet as usize].iter().enumerate() {
             let force = (shape.covered[k] + shape.fluid_area * share[k]) * shape.normal;
             mesh.force[i][slot] += force;
-            let vertices = &mesh.triangulation.pores[j];
-            if let Some(slot) = vertices.iter().position(|&v| v == throat.vertices[k]) {
-                mesh.force[j][slot] -= force;
-            }
+            mesh.force[j][slots[k]] -= force;
+            forces[k] = force;
+        }
+        if let Some(images) = &mut mesh.images {
+            let points = FACET[throat.facet as usize].map(|m| packing.point(&mesh.triangulation, i, m));
+            let points = points.map(|x| x.unwrap_or(shape.centroid) - packing.cell.origin);
+            let both = images::stretch(forces, points, packing.cell.shift(throat.shift));
+            images.stretch[i] += both[0];
+            images.stretch[j] += both[1];
+            let away = between(throat.shift, images.frame[i], images.frame[j]);
+            images.add_wall_drag(throat.vertices, forces, away);
         }
         closing[i] += shape.area * shape.normal;
         closing[j] -= shape.area * shape.normal;

@@ -2,9 +2,10 @@
 
 use super::conductance::{Conductance, Passage};
 use super::coupling::coupling;
+use super::images::{self, Images};
 use crate::boundary::Slip;
 use crate::grains::Loads;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::throat::{Packing, Shape, pore_volume, radical_centres, shape, throats};
 use porograin_geometry::triangulation::{FACET, FIRST_WALL, NONE, Triangulation, TriangulationError, wall};
@@ -97,6 +98,8 @@ pub struct Mesh {
     slots: Vec<u32>,
     /// Slots of wall vertices, in rising order.
     wall_slots: Vec<u32>,
+    /// What a period adds; `None` in a box with six walls.
+    pub images: Option<Images>,
     /// What was found.
     pub census: Census,
 }
@@ -145,24 +148,26 @@ impl Mesh {
                     force: coupled.force,
                     torque: coupled.torque,
                     area: shape_area(&shape),
+                    centroid: shape.centroid,
                 }
             })
             .collect();
 
         let mut census =
             Census { pores, throats: throats.len(), flat: centres.borrowed.len(), ..Census::default() };
-        let mut parent: Vec<u32> = (0..pores as u32).collect();
+        let mut sets = Sets::new(pores);
         for (throat, part) in throats.iter().zip(&parts) {
             if part.coincide {
-                let [a, b] = throat.pores.map(|p| root(&mut parent, p));
-                census.merged += usize::from(a != b);
-                parent[a.max(b) as usize] = a.min(b); // the lowest pore leads: nodes keep the order of pores
+                census.merged += usize::from(sets.join(throat.pores, throat.shift));
             }
         }
+        let mut frame = vec![[0; 3]; pores];
         let mut node = vec![0u32; pores];
         let mut held = Vec::with_capacity(pores);
         for pore in 0..pores {
-            let leader = root(&mut parent, pore as u32) as usize;
+            let (leader, away) = sets.leader(pore as u32);
+            let leader = leader as usize;
+            frame[pore] = away;
             if leader == pore {
                 node[pore] = held.len() as u32;
                 held.push(FREE);
@@ -210,26 +215,45 @@ impl Mesh {
             starts: Vec::new(),
             slots: Vec::new(),
             wall_slots: Vec::new(),
+            images: (packing.cell.periodic != [false; 3]).then(|| Images {
+                cell: *packing.cell,
+                frame,
+                crossings: Vec::new(),
+                wall_drag: Vec::new(),
+                stretch: vec![DMat3::ZERO; pores],
+            }),
             census,
             triangulation,
         };
         let mut closing = vec![DVec3::ZERO; pores];
         for (throat, part) in throats.iter().zip(&parts) {
             let [i, j] = throat.pores.map(|p| p as usize);
-            let order = FACET[throat.facet as usize];
+            let (order, slots) = (FACET[throat.facet as usize], throat.slots(&mesh.triangulation));
             for k in 0..3 {
                 mesh.force[i][order[k]] += part.force[k];
                 mesh.torque[i][order[k]] += part.torque[k];
-                if let Some(slot) = mesh.triangulation.pores[j].iter().position(|&v| v == throat.vertices[k])
-                {
-                    mesh.force[j][slot] -= part.force[k];
-                    mesh.torque[j][slot] -= part.torque[k];
-                }
+                mesh.force[j][slots[k]] -= part.force[k];
+                mesh.torque[j][slots[k]] -= part.torque[k];
             }
             closing[i] += part.area;
             closing[j] -= part.area;
             let nodes = throat.pores.map(|p| mesh.node[p as usize]);
-            if nodes[0] != nodes[1] {
+            let mut away = [0; 3];
+            if let Some(images) = &mut mesh.images {
+                away = between(throat.shift, images.frame[i], images.frame[j]);
+                let link = mesh.links.len() as u32;
+                if away != [0; 3] {
+                    images.crossings.push((link, packing.cell.shift(away)));
+                }
+                images.add_wall_drag(throat.vertices, part.force, away);
+                let points = order.map(|m| packing.point(&mesh.triangulation, i, m));
+                let points = points.map(|x| x.unwrap_or(part.centroid) - packing.cell.origin);
+                let both = images::stretch(part.force, points, packing.cell.shift(throat.shift));
+                images.stretch[i] += both[0];
+                images.stretch[j] += both[1];
+            }
+            // A node beside its own image has a link to itself.
+            if nodes[0] != nodes[1] || away != [0; 3] {
                 mesh.census.closed += usize::from(part.conductance == 0.0);
                 mesh.census.clamped += usize::from(part.clamped);
                 mesh.links.push(nodes);
@@ -421,6 +445,7 @@ struct Part {
     force: [DVec3; 3],
     torque: [DVec3; 3],
     area: DVec3,
+    centroid: DVec3,
 }
 
 fn shape_area(shape: &Shape) -> DVec3 {
@@ -436,11 +461,51 @@ fn mean_radius(packing: Packing, vertices: [u32; 3]) -> f64 {
     sum / count
 }
 
-/// The leader of a pore's set.
-fn root(parent: &mut [u32], mut pore: u32) -> u32 {
-    while parent[pore as usize] != pore {
-        parent[pore as usize] = parent[parent[pore as usize] as usize];
-        pore = parent[pore as usize];
+/// Pores that form one node, each with the periods to move it by to bring it beside another one of its set.
+struct Sets {
+    parent: Vec<u32>,
+    away: Vec<[i8; 3]>,
+}
+
+impl Sets {
+    /// Every pore for itself.
+    fn new(pores: usize) -> Sets {
+        Sets { parent: (0..pores as u32).collect(), away: vec![[0; 3]; pores] }
     }
-    pore
+
+    /// The pore that leads the set of `pore`, and the periods to move `pore` by to bring it beside.
+    fn leader(&mut self, mut pore: u32) -> (u32, [i8; 3]) {
+        let mut total = [0; 3];
+        while self.parent[pore as usize] != pore {
+            let (here, parent) = (pore as usize, self.parent[pore as usize] as usize);
+            self.parent[here] = self.parent[parent];
+            self.away[here] = sum(self.away[here], self.away[parent]);
+            total = sum(total, self.away[here]);
+            pore = self.parent[here];
+        }
+        (pore, total)
+    }
+
+    /// Joins the sets of two pores, of which the second lies beside the first when moved by `shift`; false if they are
+    /// one already. The lowest pore leads: nodes keep the order of pores.
+    fn join(&mut self, pores: [u32; 2], shift: [i8; 3]) -> bool {
+        let [(a, from_a), (b, from_b)] = pores.map(|pore| self.leader(pore));
+        let away = between(shift, from_a, from_b);
+        let (low, high, away) = if a < b { (a, b, away) } else { (b, a, away.map(|s: i8| -s)) };
+        self.parent[high as usize] = low;
+        if a != b {
+            self.away[high as usize] = away;
+        }
+        a != b
+    }
+}
+
+/// The periods to move the leader of a second pore by to bring it beside the leader of a first, when the second pore lies
+/// beside the first moved by `shift`, and the two beside their leaders moved by `first` and `second`.
+pub(super) fn between(shift: [i8; 3], first: [i8; 3], second: [i8; 3]) -> [i8; 3] {
+    std::array::from_fn(|axis| shift[axis] + first[axis] - second[axis])
+}
+
+fn sum(a: [i8; 3], b: [i8; 3]) -> [i8; 3] {
+    std::array::from_fn(|axis| a[axis] + b[axis])
 }

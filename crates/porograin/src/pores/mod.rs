@@ -3,6 +3,7 @@
 pub mod conductance;
 pub mod coupling;
 pub mod geometric;
+pub mod images;
 pub mod implicit;
 pub mod mesh;
 pub mod pressure;
