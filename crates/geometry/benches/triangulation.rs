@@ -1,13 +1,16 @@
 //! Costs of the geometry per grain, against its aims: triangulation, periodic cells, repair, throat geometry, memory, threads.
 //!
-//! `cargo bench -p porograin-geometry --bench triangulation -- [SIZE …] [--only NAME] [--write FOLDER | --read FOLDER]`
+//! `cargo bench -p porograin-geometry --bench triangulation -- [SIZE …] [--only NAME] [--cgal] [--write FOLDER | --read FOLDER]`
 //!
-//! Times are processor times of one thread but for the speed-ups of two. `--write` leaves each sample as text (`n`, then `x y z r`
-//! lines) for the comparison in `benches/cgal`; `--read` takes it from there (a million grains take a minute to make).
+//! Times are processor times of one thread but for the speed-ups of two. `--cgal` compiles and runs CGAL's triangulation on the same
+//! points (Debian: g++, libcgal-dev). `--write` leaves each sample as text (`n`, then `x y z r` lines), `--read` takes it from
+//! there (a million grains take a minute to make).
 
+mod cgal;
 mod heap;
 mod samples;
 
+use cgal::Cgal;
 use glam::DVec3;
 use porograin_geometry::throat::{Packing, Throat, pore_volume, radical_centres, shapes, throats};
 use porograin_geometry::{Cell, Repair, Triangulation};
@@ -25,6 +28,7 @@ fn main() {
         sizes = vec![32_000];
     }
     let option = |name: &str| arguments.iter().position(|a| a == name).and_then(|k| arguments.get(k + 1));
+    let cgal = arguments.iter().any(|a| a == "--cgal").then(Cgal::new);
     let only = option("--only").map_or("", String::as_str);
     println!("| sample | grains | quantity | shortest | median | aim |");
     println!("|---|---|---|---|---|---|");
@@ -47,7 +51,8 @@ fn main() {
             if let Some(folder) = option("--write") {
                 samples::write(folder, name, n, &sample);
             }
-            let bench = Bench { name, sample: &sample, random: name.starts_with("random") };
+            let bench =
+                Bench { name, sample: &sample, random: name.starts_with("random"), cgal: cgal.as_ref() };
             // In a pool of one thread, so that whatever could run on two does not.
             one.install(|| {
                 bench.triangulation();
@@ -64,6 +69,7 @@ struct Bench<'a> {
     name: &'a str,
     sample: &'a Sample,
     random: bool,
+    cgal: Option<&'a Cgal>,
 }
 
 impl Bench<'_> {
@@ -105,6 +111,11 @@ impl Bench<'_> {
             (false, _) => "12",
         };
         self.line("triangulation, µs per grain", self.each(pair[0]), aim);
+        if let Some(cgal) = self.cgal {
+            let (ours, theirs) = (self.each(pair[0]), cgal.time(self.name, self.sample));
+            self.line("CGAL on the same points, µs per grain", theirs, "");
+            self.line("this crate over CGAL", [0, 1].map(|k| ours[k] / theirs[k]), "1");
+        }
         self.line("the same periodic, µs per grain", self.each(pair[1]), "");
         self.line("periodic over walled", [0, 1].map(|k| pair[1][k] / pair[0][k]), "1.3");
     }
@@ -136,8 +147,7 @@ impl Bench<'_> {
                 },
                 || drop(Triangulation::new(&strained, &position, radius).expect("a valid sample")),
             );
-            let what =
-                if report.rebuilt { "rebuilt".into() } else { format!("{} replaced", report.replaced) };
+            let what = if report.rebuilt { "rebuilt".into() } else { format!("{} flips", report.flips) };
             self.line(&format!("repair after {name} ({what}), µs per grain"), self.each(pair[0]), "");
             self.line("repair over rebuild", [0, 1].map(|k| pair[0][k] / pair[1][k]), "0.33");
         }

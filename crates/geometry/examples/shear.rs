@@ -21,7 +21,7 @@ pub fn main() {
 
     let start = sheared(0.0);
     let mut mesh = Triangulation::new(&start, &at(&start), &radius).expect("a sound cell");
-    println!("shear  pores  replaced in holes  hidden");
+    println!("shear  pores  replaced    flips  hidden");
     for step in 1..=5 {
         let cell = sheared(0.002 * f64::from(step));
         let position = at(&cell);
@@ -31,7 +31,7 @@ pub fn main() {
             cell.edges.y_axis.x,
             mesh.pores.len(),
             report.replaced,
-            report.holes,
+            report.flips,
             mesh.hidden.len()
         );
         assert!(!report.rebuilt);

@@ -95,6 +95,17 @@ pub(crate) fn power(r: [&Row; 4]) -> (f64, f64) {
     (value, POWER * bound)
 }
 
+/// `G` with the values of a quadratic form in the place of `l`, and a bound of its error.
+fn power_of_form(r: &[Row; 4], form: &[i64; 6]) -> (f64, f64) {
+    let f = form.map(|c| c as f64);
+    let row = |r: &Row| Row {
+        l: (f[0] * r.x * r.x + f[1] * r.y * r.y + f[2] * r.z * r.z)
+            + (f[3] * r.x * r.y + f[4] * r.y * r.z + f[5] * r.z * r.x),
+        ..*r
+    };
+    power([&row(&r[0]), &row(&r[1]), &row(&r[2]), &row(&r[3])])
+}
+
 /// The power sphere of a pore: centre (absolute) and power, so that a grain at `x` conflicts when
 /// `|x - centre|² - w < power`; the power is not a number where the centre is too inaccurate to use.
 #[derive(Clone, Copy, Debug, Default)]
@@ -222,65 +233,77 @@ impl Forms {
     }
 }
 
-/// `det(a, b, c)` in three 64-bit digits: the value is `high 2^64 + low`.
+/// Whole numbers of the exact stage are written in base `2^61`: digits and sums of eight of their products fit machine
+/// words, so that nothing is carried before the end.
+const BASE: u32 = 61;
+const DIGIT: i128 = (1 << BASE) - 1;
+
+/// A whole number below `2^163`: all digits but the last are not negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Cubic {
-    high: i128,
-    low: u64,
-}
+struct Wide([i64; 3]);
 
-fn cubic(a: &[i64; 3], b: &[i64; 3], c: &[i64; 3]) -> Cubic {
-    let minor = |i: usize, j: usize| {
-        i128::from(b[i]) * i128::from(c[j]) - i128::from(b[j]) * i128::from(c[i]) // < 2^107
-    };
-    let (mut high, mut low) = (0i128, 0i128);
-    for (x, m) in [(a[0], minor(1, 2)), (a[1], minor(2, 0)), (a[2], minor(0, 1))] {
-        low += i128::from(x) * (m as u64 as i128); // < 2^117 each
-        high += i128::from(x) * (m >> 64);
+impl Wide {
+    /// `low + 2^61 high`, both below `2^117`.
+    #[inline(always)]
+    fn new(low: i128, high: i128) -> Self {
+        let high = high + (low >> BASE);
+        Wide([(low & DIGIT) as i64, (high & DIGIT) as i64, (high >> BASE) as i64])
     }
-    Cubic { high: high + (low >> 64), low: low as u64 }
-}
 
-impl Cubic {
     fn sign(self) -> i32 {
-        if self.high == 0 { i32::from(self.low != 0) } else { self.high.signum() as i32 }
+        let [low, mid, high] = self.0;
+        if high == 0 { i32::from(low | mid != 0) } else { high.signum() as i32 }
     }
 }
 
-/// A sum of products in base `2^64` with signed digits, carried only when the sign is asked for.
+/// `a.x b.y - b.x a.y`, below `2^107`.
+#[inline(always)]
+fn minor(a: &[i64; 3], b: &[i64; 3]) -> i128 {
+    i128::from(a[0]) * i128::from(b[1]) - i128::from(b[0]) * i128::from(a[1])
+}
+
+/// `det(a, b, c)` from the minors `bc`, `ac`, `ab` of the first two columns and `a.z`, `-b.z`, `c.z`.
+#[inline(always)]
+fn expanded(minors: [i128; 3], z: [i64; 3]) -> Wide {
+    let (mut low, mut high) = (0i128, 0i128);
+    for k in 0..3 {
+        let z = i128::from(z[k]);
+        low += i128::from((minors[k] & DIGIT) as i64) * z;
+        high += i128::from((minors[k] >> BASE) as i64) * z;
+    }
+    Wide::new(low, high)
+}
+
+/// `det(a, b, c)`.
+fn cubic(a: &[i64; 3], b: &[i64; 3], c: &[i64; 3]) -> Wide {
+    expanded([minor(b, c), minor(a, c), minor(a, b)], [a[2], -b[2], c[2]])
+}
+
+/// A sum of up to four products, its digits carried only when the sign is asked for.
 #[derive(Default)]
-struct Sum([i128; 5]);
+struct Sum([i128; 4]);
 
 impl Sum {
     /// Adds `sign * o * l`, `|o| < 2^163`, `|l| < 2^123`.
-    fn add(&mut self, sign: i128, o: Cubic, l: i128) {
+    #[inline(always)]
+    fn add(&mut self, sign: i128, o: Wide, l: i128) {
         let l = sign * l;
-        let (lh, ll) = (l >> 64, l as u64 as u128);
-        let digits = [u128::from(o.low), o.high as u64 as u128];
-        for (k, &digit) in digits.iter().enumerate() {
-            let p = digit * ll;
-            self.0[k] += (p as u64) as i128;
-            self.0[k + 1] += (p >> 64) as i128;
-            self.split(k + 1, digit as i128 * lh);
-        }
-        let top = o.high >> 64;
-        self.split(2, top * ll as i128);
-        self.split(3, top * lh);
-    }
-
-    fn split(&mut self, k: usize, p: i128) {
-        self.0[k] += (p as u64) as i128;
-        self.0[k + 1] += p >> 64;
+        let (low, high) = (i128::from((l & DIGIT) as i64), i128::from((l >> BASE) as i64));
+        let [a, b, c] = [i128::from(o.0[0]), i128::from(o.0[1]), i128::from(o.0[2])];
+        self.0[0] += a * low;
+        self.0[1] += a * high + b * low;
+        self.0[2] += b * high + c * low;
+        self.0[3] += c * high;
     }
 
     fn sign(&self) -> i32 {
-        let (mut carry, mut any) = (0i128, 0u64);
-        for digit in &self.0[..4] {
+        let (mut carry, mut any) = (0i128, 0i128);
+        for digit in &self.0[..3] {
             let s = digit + carry;
-            any |= s as u64;
-            carry = s >> 64;
+            any |= s & DIGIT;
+            carry = s >> BASE;
         }
-        let top = self.0[4] + carry;
+        let top = self.0[3] + carry;
         if top != 0 { top.signum() as i32 } else { i32::from(any != 0) }
     }
 }
@@ -292,10 +315,10 @@ impl Sum {
         let (mut carry, mut value) = (0i128, 0.0);
         for (k, digit) in self.0.iter().enumerate() {
             let s = i128::from(sign) * digit + carry;
-            carry = s >> 64;
-            value += (s as u64) as f64 * 2f64.powi(64 * k as i32);
+            carry = s >> BASE;
+            value += (s & DIGIT) as f64 * 2f64.powi((BASE * k as u32) as i32);
         }
-        f64::from(sign) * value
+        f64::from(sign) * (value + carry as f64 * 2f64.powi(4 * BASE as i32))
     }
 }
 
@@ -309,7 +332,7 @@ pub(crate) fn centre_exact(rows: [&ExactRow; 3]) -> [f64; 3] {
         let mut sum = Sum::default();
         for (row, p, q) in [(a, b, c), (b, c, a), (c, a, b)] {
             let minor = i128::from(p.d[i]) * i128::from(q.d[j]) - i128::from(p.d[j]) * i128::from(q.d[i]);
-            sum.add(1, Cubic { high: minor >> 64, low: minor as u64 }, row.l);
+            sum.add(1, Wide::new(minor, 0), row.l);
         }
         sum.value() / determinant
     })
@@ -322,12 +345,23 @@ pub(crate) fn side_exact(k: usize, others: [&[i64; 3]; 3]) -> i32 {
     if k % 2 == 0 { sign } else { -sign }
 }
 
-/// Whether the query is in conflict with a positively oriented pore, ties broken as the module says.
+/// Whether the query is in conflict with a positively oriented pore, ties broken as the module says; `float` are the same rows.
 #[cold]
-pub(crate) fn conflict_exact(rows: &[ExactRow; 4], query: &ExactQuery, forms: &Forms) -> bool {
-    let d = |k: usize| &rows[k].d;
-    let o =
-        [cubic(d(1), d(2), d(3)), cubic(d(0), d(2), d(3)), cubic(d(0), d(1), d(3)), cubic(d(0), d(1), d(2))];
+pub(crate) fn conflict_exact(
+    rows: &[ExactRow; 4],
+    float: &[Row; 4],
+    query: &ExactQuery,
+    forms: &Forms,
+) -> bool {
+    let [a, b, c, d] = [&rows[0].d, &rows[1].d, &rows[2].d, &rows[3].d];
+    let (ab, ac, ad) = (minor(a, b), minor(a, c), minor(a, d));
+    let (bc, bd, cd) = (minor(b, c), minor(b, d), minor(c, d));
+    let o = [
+        expanded([cd, bd, bc], [b[2], -c[2], d[2]]),
+        expanded([cd, ad, ac], [a[2], -c[2], d[2]]),
+        expanded([bd, ad, ab], [a[2], -b[2], d[2]]),
+        expanded([bc, ac, ab], [a[2], -b[2], c[2]]),
+    ];
     let sign = |k: usize| if k % 2 == 0 { 1 } else { -1 };
     let mut sum = Sum::default();
     for k in 0..4 {
@@ -341,6 +375,13 @@ pub(crate) fn conflict_exact(rows: &[ExactRow; 4], query: &ExactQuery, forms: &F
     let walled = rows.iter().any(|r| r.grain.is_none());
     let e = if walled { query.place.map(i128::from) } else { [0; 3] };
     for form in &forms.0 {
+        if !walled {
+            // Rarely a tie too: `|q(d)| <= |d|²`, with no more roundings than `l`.
+            let (value, bound) = power_of_form(float, form);
+            if value.abs() > bound {
+                return value > 0.0;
+            }
+        }
         let mut sum = Sum::default();
         for k in (0..4).filter(|&k| rows[k].grain.is_some()) {
             let [x, y, z] = rows[k].d.map(i128::from);

@@ -6,6 +6,7 @@
 //! numbering of the grains (but for coinciding ones) nor on the order of insertion nor on the unit of length.
 
 mod canonical;
+mod flips;
 pub(crate) mod frame;
 pub(crate) mod lattice;
 mod mesh;
@@ -170,7 +171,9 @@ impl Triangulation {
 pub struct Repair {
     /// The triangulation was made afresh.
     pub rebuilt: bool,
-    /// Number of separate holes that were refilled.
+    /// Number of flips: two pores made three, three made two, or four made four.
+    pub flips: usize,
+    /// Number of holes that were refilled where flips do not help.
     pub holes: usize,
     /// Number of pores that were replaced.
     pub replaced: usize,
@@ -251,12 +254,10 @@ impl Sample {
         let labels: Vec<u32> = (0..n as u32).collect();
         let view = View::new(&self.points, &labels, FIRST_WALL, &self.space);
         // Power spheres must be small against the period, so that vertices are met at the nearest images.
-        let small = |power: f64| {
-            let square = (power + self.space.largest).max(0.0);
-            !torus || periodic::FIT * square.sqrt() < lattice.least_height() * (1.0 - 1e-9)
-        };
-        // More are as well built afresh; in a torus, where holes must not wind around, even of a small sample.
-        let few = old.pores.len() / 8 + if torus { 0 } else { 8 };
+        let small = |power: f64| power < view.most_power;
+        // More are as well built afresh (each costs some seven times the survey of a pore); in a torus, where holes must not
+        // wind around, even of a small sample.
+        let few = old.pores.len() / 3 + if torus { 0 } else { 8 };
         let Some(survey) = view.survey(&old.pores, &old.neighbours, few) else { return Ok(None) };
         if !small(survey.largest) {
             return Ok(None);
@@ -265,12 +266,12 @@ impl Sample {
             true => periodic::shifts(pores, &self.points, &self.periods, lattice),
             false => Ok(Vec::new()),
         };
-        if survey.bad.is_empty() && old.hidden.is_empty() {
+        if survey.bad.is_empty() && survey.inverted.is_empty() && old.hidden.is_empty() {
             old.shifts = shifts(&old.pores)?;
             return Ok(Some(Repair::default()));
         }
         let mut patch = Patch::new(view, old);
-        let mended = match patch.mend(&survey.bad) {
+        let mended = match patch.mend(&survey) {
             Ok((new, report, largest)) if small(largest) => {
                 shifts(&new.pores).map(|shifts| Some((Triangulation { shifts, ..new }, report)))
             }
@@ -317,6 +318,6 @@ impl Triangulation {
             && used.iter().all(|&u| u)
             && self.neighbours.len() == pores
             && self.shifts.len() == if periodic == [false; 3] { 0 } else { pores }
-            && self.neighbours.iter().flatten().all(|&p| p == NONE || (p as usize) < pores)
+            && self.neighbours.iter().all(|sides| sides.iter().all(|&p| p == NONE || (p as usize) < pores))
     }
 }

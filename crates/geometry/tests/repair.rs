@@ -153,3 +153,54 @@ fn another_sample_is_rebuilt_and_bad_input_changes_nothing() {
     assert!(t.repair(&periodic, &x, &r).unwrap().rebuilt);
     assert_eq!(t, Triangulation::new(&periodic, &x, &r).unwrap());
 }
+
+/// Face-centred lattices are full of ties: two pores become three, three two and four four, and nothing gets stuck. Shaken
+/// simple cubic ones change everywhere.
+#[test]
+fn lattices_are_followed_by_flips() {
+    let mut dice = Dice(26);
+    let lattice = |m: u32, basis: &[DVec3]| -> Vec<DVec3> {
+        let corner = |i: u32| DVec3::new((i % m).into(), (i / m % m).into(), (i / m / m).into());
+        let cube = |i: u32| basis.iter().map(move |b| (corner(i) + 0.25 + *b) / f64::from(m));
+        (0..m * m * m).flat_map(cube).collect()
+    };
+    let half = |x, y, z| DVec3::new(x, y, z) / 2.0;
+    let face = [DVec3::ZERO, half(1.0, 1.0, 0.0), half(1.0, 0.0, 1.0), half(0.0, 1.0, 1.0)];
+    let [walled, _, mixed] = cells();
+    for cell in [walled, Cell { periodic: [true; 3], ..walled }, mixed] {
+        for m in [7, 10] {
+            let x = lattice(m, &face);
+            let r = vec![0.25 / f64::from(m); x.len()];
+            let first = Triangulation::new(&cell, &x, &r).unwrap();
+            let strained =
+                Cell { edges: cell.edges * DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.99)), ..cell };
+            for by in [0.0, 1e-9, 1e-3, 0.03] {
+                let mut t = first.clone();
+                let y: Vec<DVec3> = shaken(&mut dice, &x, by / f64::from(m));
+                let y: Vec<DVec3> = y.iter().map(|y| strained.edges * (cell.edges.inverse() * *y)).collect();
+                let report = t.repair(&strained, &y, &r).unwrap();
+                assert!(t == Triangulation::new(&strained, &y, &r).unwrap(), "{m} {by} {report:?}");
+                assert!(!report.rebuilt && report.flips > x.len() / 10, "{m} {by} {report:?}");
+            }
+        }
+    }
+    let x = lattice(14, &[DVec3::ZERO]);
+    let r = vec![0.02; x.len()];
+    let mut t = Triangulation::new(&cells()[0], &x, &r).unwrap();
+    let y = shaken(&mut dice, &x, 1e-3 / 14.0);
+    assert!(t.repair(&cells()[0], &y, &r).unwrap().rebuilt);
+}
+
+/// Pores turned inside out are refilled before anything is flipped.
+#[test]
+fn inverted_pores_do_not_stop_it() {
+    let mut dice = Dice(27);
+    let cell = cells()[0];
+    let x = grid(&mut dice, 18);
+    let r: Vec<f64> = x.iter().map(|_| (0.3 + 0.2 * dice.unit()) / 18.0).collect();
+    let mut t = Triangulation::new(&cell, &x, &r).unwrap();
+    let y = shaken(&mut dice, &x, 0.1 / 18.0);
+    let report = t.repair(&cell, &y, &r).unwrap();
+    assert!(!report.rebuilt && report.flips > 1000 && report.holes > 10, "{report:?}");
+    assert!(t == Triangulation::new(&cell, &y, &r).unwrap());
+}

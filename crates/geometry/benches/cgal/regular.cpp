@@ -1,7 +1,5 @@
-// CGAL's regular triangulation of the samples written by
-//   cargo bench -p porograin-geometry --bench triangulation -- --write FOLDER
-// Build and run (Debian: libcgal-dev):
-//   g++ -O3 -DNDEBUG -frounding-math regular.cpp -o regular -lgmp -lmpfr && ./regular FOLDER/*.txt
+// CGAL's regular triangulation of samples written as text (n, then x y z r lines). Compiled and run by
+//   cargo bench -p porograin-geometry --bench triangulation -- --cgal
 // CGAL is GPL: a yardstick for development, never a dependency.
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Regular_triangulation_3.h>

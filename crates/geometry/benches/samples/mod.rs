@@ -145,7 +145,8 @@ pub fn time_both(runs: usize, mut first: impl FnMut(), mut second: impl FnMut())
     [shortest_and_median(one), shortest_and_median(two)]
 }
 
-fn file(folder: &str, name: &str, n: usize) -> String {
+/// Where a sample is written.
+pub fn file(folder: &str, name: &str, n: usize) -> String {
     format!("{folder}/{}-{n}.txt", name.replace(' ', "-"))
 }
 

@@ -3,12 +3,13 @@
 //! A triangulation is regular if every pore is positively oriented and no vertex across a facet conflicts with the pore on this
 //! side. All pores and facets are checked; around each failure a hole is opened and grown until the pores around it
 //! conflict with none of its vertices. Their facets then belong to the regular triangulation of the vertices of the hole,
-//! so that it can be filled by gift wrapping from its facets inwards, and fits. Unlike flips this does
-//! not get stuck, and nearly flat pores may turn inside out.
+//! so that it can be filled by gift wrapping from its facets inwards, and fits. Unlike [`flips`](super::flips), which are tried
+//! first, this does not get stuck, and nearly flat pores may turn inside out.
 //!
 //! The work is done in the arrays of the triangulation: new pores are put at the end and merged into the order when all is well.
 
 use super::mesh::{FREE, Mesh, Pore};
+use super::regular::Survey;
 use super::view::View;
 use super::{FACET, NONE, Repair, Triangulation, Vertex, canonical, wall};
 use crate::predicates::Sphere;
@@ -30,27 +31,41 @@ struct Front {
 
 /// A triangulation under repair. Pores taken away are marked [`FREE`], new ones put behind the old.
 pub(super) struct Patch<'a> {
-    view: View<'a>,
-    mesh: &'a mut Triangulation,
+    pub(super) view: View<'a>,
+    pub(super) mesh: &'a mut Triangulation,
     /// Number of old pores.
-    kept: usize,
-    /// Old pores as they were, in the order of change.
+    pub(super) kept: usize,
+    /// Old pores of a torus as they were, in the order of change.
     was: Vec<(u32, [Vertex; 4], [u32; 4])>,
     /// The last hole each pore was in.
     stamp: Vec<u32>,
     /// Grains without a pore.
     lost: Vec<u32>,
-    report: Repair,
+    /// New pores whose facets are to be looked at.
+    pub(super) open: Vec<(u32, Sphere)>,
+    /// Pores that cannot be mended by flips.
+    pub(super) stuck: Vec<u32>,
+    pub(super) report: Repair,
 }
 
 impl<'a> Patch<'a> {
     pub fn new(view: View<'a>, mesh: &'a mut Triangulation) -> Self {
         let kept = mesh.pores.len();
         let lost = mesh.hidden.clone();
-        Patch { view, mesh, kept, was: Vec::new(), stamp: vec![0; kept], lost, report: Repair::default() }
+        Patch {
+            view,
+            mesh,
+            kept,
+            was: Vec::new(),
+            stamp: vec![0; kept],
+            lost,
+            open: Vec::new(),
+            stuck: Vec::new(),
+            report: Repair::default(),
+        }
     }
 
-    /// Puts everything back as it was.
+    /// Puts everything back as it was, in a torus: else nothing stands in the way of a rebuild.
     pub fn undo(self) {
         for (pore, vertex, neighbour) in self.was.into_iter().rev() {
             (self.mesh.pores[pore as usize], self.mesh.neighbours[pore as usize]) = (vertex, neighbour);
@@ -60,36 +75,25 @@ impl<'a> Patch<'a> {
     }
 
     fn remember(&mut self, pore: u32) {
-        if (pore as usize) < self.kept {
+        if self.view.torus && (pore as usize) < self.kept {
             let p = pore as usize;
             self.was.push((pore, self.mesh.pores[p], self.mesh.neighbours[p]));
         }
     }
 
     /// Replaces what is not regular: the new triangulation (without shifts) and the largest power of its new pores.
-    pub fn mend(&mut self, bad: &[u32]) -> Result<(Triangulation, Repair, f64), GaveUp> {
-        let most = self.kept / 3 + 100;
-        for &pore in bad {
-            let Triangulation { pores, neighbours, .. } = &*self.mesh;
-            let p = pore as usize;
-            if pores[p][0] == FREE {
-                continue;
+    pub fn mend(&mut self, survey: &Survey) -> Result<(Triangulation, Repair, f64), GaveUp> {
+        // Flips know nothing of pores turned inside out.
+        for &pore in &survey.inverted {
+            self.refill(pore)?;
+        }
+        for &pore in &survey.bad {
+            if !self.is_free(pore) {
+                self.settle(pore, self.view.shape(self.mesh.pores[pore as usize]).0)?;
             }
-            let mut hole = vec![pore];
-            let (sphere, positive) = self.view.shape(pores[p]);
-            if positive {
-                match (0..4).find(|&k| !self.view.locally_regular(pores, neighbours, p, k, &sphere)) {
-                    Some(k) => hole.push(neighbours[p][k]),
-                    None => continue, // mended with another
-                }
-            }
-            let (front, vertices) = self.grow(&mut hole)?;
-            self.report.holes += 1;
-            self.report.replaced += hole.len();
-            if self.report.replaced > most {
-                return Err(GaveUp);
-            }
-            self.wrap(&hole, front, &vertices)?;
+        }
+        for pore in std::mem::take(&mut self.stuck) {
+            self.refill(pore)?;
         }
         self.report.reinserted = self.lost.len();
         if !self.lost.is_empty() {
@@ -99,6 +103,57 @@ impl<'a> Patch<'a> {
         let live = self.mesh.pores[self.kept..].iter().filter(|vertex| vertex[0] != FREE);
         let largest = live.map(power).fold(f64::NEG_INFINITY, f64::max);
         Ok((canonical::merged(self.mesh, self.kept), self.report, largest))
+    }
+
+    /// Counts replaced pores, up to a limit.
+    pub(super) fn replaced(&mut self, pores: usize) -> Result<(), GaveUp> {
+        self.report.replaced += pores;
+        if self.report.replaced > self.kept + 100 { Err(GaveUp) } else { Ok(()) }
+    }
+
+    pub(super) fn is_free(&self, pore: u32) -> bool {
+        self.mesh.pores[pore as usize][0] == FREE
+    }
+
+    pub(super) fn free(&mut self, pore: u32) {
+        self.remember(pore);
+        self.mesh.pores[pore as usize][0] = FREE;
+    }
+
+    /// A new pore without neighbours.
+    pub(super) fn push(&mut self, vertex: [Vertex; 4]) -> u32 {
+        self.mesh.pores.push(vertex);
+        self.mesh.neighbours.push([NONE; 4]);
+        self.stamp.push(0);
+        self.mesh.pores.len() as u32 - 1
+    }
+
+    /// Opens a hole around a pore that is not right, if it still is not, grows it as far as it must and fills it.
+    fn refill(&mut self, pore: u32) -> Result<(), GaveUp> {
+        if self.is_free(pore) {
+            return Ok(()); // mended with another
+        }
+        let Triangulation { pores, neighbours, .. } = &*self.mesh;
+        let p = pore as usize;
+        let mut hole = vec![pore];
+        let (sphere, positive) = self.view.shape(pores[p]);
+        if positive {
+            match (0..4).find(|&k| !self.view.locally_regular(pores, neighbours, p, k, &sphere)) {
+                Some(k) => hole.push(neighbours[p][k]),
+                None => return Ok(()),
+            }
+        }
+        let (front, vertices) = self.grow(&mut hole)?;
+        self.report.holes += 1;
+        self.replaced(hole.len())?;
+        self.wrap(&hole, front, &vertices)
+    }
+
+    /// In a torus the vertices of a hole must see each other at their nearest images.
+    pub(super) fn see_each_other(&self, vertices: &[Vertex]) -> bool {
+        let mut grains = vertices.iter().filter(|&&v| self.view.is_grain(v));
+        let first = grains.next().copied().unwrap_or(0);
+        !self.view.torus || grains.all(|&v| self.view.are_close(first, v))
     }
 
     /// Inserts the grains without a pore.
@@ -167,10 +222,7 @@ impl<'a> Patch<'a> {
                 }
             }
             if hole.len() == added {
-                // In a torus all of them must see each other at their nearest images.
-                let mut grains = vertices.iter().filter(|&&v| self.view.is_grain(v));
-                let first = grains.next().copied().unwrap_or(0);
-                if !grains.all(|&v| self.view.are_close(first, v)) {
+                if !self.see_each_other(&vertices) {
                     return Err(GaveUp);
                 }
                 return Ok((front, vertices));
@@ -181,18 +233,12 @@ impl<'a> Patch<'a> {
     /// Fills a hole by gift wrapping; grains left without a pore go to `lost`.
     fn wrap(&mut self, hole: &[u32], mut front: Vec<Front>, candidates: &[Vertex]) -> Result<(), GaveUp> {
         let mut used: Vec<Vertex> = front.iter().flat_map(|f| FACET[f.apex].map(|j| f.vertex[j])).collect();
-        for &pore in hole {
-            self.remember(pore);
-            self.mesh.pores[pore as usize][0] = FREE;
-        }
+        hole.iter().for_each(|&pore| self.free(pore));
         let mut budget = 4 * hole.len() + 64;
         while let Some(facet) = front.pop() {
             budget = budget.checked_sub(1).ok_or(GaveUp)?;
             let vertex = self.gift(&facet, candidates).ok_or(GaveUp)?;
-            let pore = self.mesh.pores.len() as u32;
-            self.mesh.pores.push(vertex);
-            self.mesh.neighbours.push([NONE; 4]);
-            self.stamp.push(0);
+            let pore = self.push(vertex);
             self.join(pore, facet.apex, facet.outside, facet.back);
             used.push(vertex[facet.apex]);
             for j in FACET[facet.apex] {
@@ -215,7 +261,7 @@ impl<'a> Patch<'a> {
         Ok(())
     }
 
-    fn join(&mut self, pore: u32, k: usize, outside: u32, back: usize) {
+    pub(super) fn join(&mut self, pore: u32, k: usize, outside: u32, back: usize) {
         self.mesh.neighbours[pore as usize][k] = outside;
         if outside != NONE {
             self.remember(outside);

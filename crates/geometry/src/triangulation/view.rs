@@ -36,11 +36,14 @@ pub(super) struct View<'a> {
     /// determinants hold numbers of one magnitude (the filter needs that).
     reach: f64,
     pub filter: Filter,
+    /// Spheres of a larger power do not fit into the period, see [`FIT`](super::periodic::FIT).
+    pub most_power: f64,
 }
 
 impl<'a> View<'a> {
     /// Points and labels in the numbering of the vertices; walls are numbered from `first_wall`.
     pub fn new(points: &'a [[f64; 4]], label: &'a [u32], first_wall: u32, space: &Space) -> Self {
+        let radius = space.lattice.least_height() * (1.0 - 1e-9) / super::periodic::FIT;
         View {
             points,
             label,
@@ -52,6 +55,7 @@ impl<'a> View<'a> {
             forms: space.forms,
             reach: space.reach,
             filter: Filter::new(space.reach, space.largest),
+            most_power: radius * radius - space.largest,
         }
     }
 
@@ -156,8 +160,10 @@ impl<'a> View<'a> {
 
     /// The exact direction of a row: whole numbers.
     pub fn exact_direction(&self, vertex: u32, row: &Row) -> [i64; 3] {
-        let scale = if self.is_grain(vertex) { 1.0 } else { self.reach };
-        [(row.x / scale) as i64, (row.y / scale) as i64, (row.z / scale) as i64]
+        if self.is_grain(vertex) {
+            return [row.x as i64, row.y as i64, row.z as i64];
+        }
+        [(row.x / self.reach) as i64, (row.y / self.reach) as i64, (row.z / self.reach) as i64]
     }
 
     pub fn exact_row(&self, vertex: u32, row: &Row, grain: u32) -> ExactRow {
@@ -167,7 +173,8 @@ impl<'a> View<'a> {
             Some(p) => {
                 let squared = |c: i64| i128::from(c) * i128::from(c);
                 let square = squared(d[0]) + squared(d[1]) + squared(d[2]);
-                let l = square - (p[3] as i128 - query[3] as i128);
+                // The conversion is slow.
+                let l = if p[3] == query[3] { square } else { square - (p[3] as i128 - query[3] as i128) };
                 ExactRow { d, l, grain: Some(self.label[vertex as usize]) }
             }
             None => {
@@ -204,12 +211,12 @@ impl<'a> View<'a> {
     pub fn conflict_exactly(&self, vertex: [u32; 4], rows: &[Row; 4], grain: u32) -> bool {
         // Spelled out: the compiler does not inline a closure over the array.
         let exact = |k: usize| self.exact_row(vertex[k], &rows[k], grain);
-        let rows = [exact(0), exact(1), exact(2), exact(3)];
+        let exact = [exact(0), exact(1), exact(2), exact(3)];
         // Relative to the lower walls: not negative.
         let query = self.points[grain as usize];
         let place = [0, 1, 2].map(|k| (query[k] - self.lower[k]) as i64);
         let query = ExactQuery { place, grain: self.label[grain as usize] };
-        predicates::conflict_exact(&rows, &query, &self.forms)
+        predicates::conflict_exact(&exact, rows, &query, &self.forms)
     }
 
     /// A vertex in the user's numbering.
