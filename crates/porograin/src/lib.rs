@@ -5,6 +5,7 @@ pub mod boundary;
 pub mod budget;
 pub mod case;
 pub mod cell;
+pub mod compaction;
 pub mod consolidation;
 pub mod contact;
 pub mod darcy;

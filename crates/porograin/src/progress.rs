@@ -1,6 +1,7 @@
 //! How far a run has come.
 
 use crate::budget::Budget;
+use crate::compaction::Compaction;
 use crate::consolidation::Consolidation;
 use crate::trouble::KINDS;
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,8 @@ pub struct Progress {
     pub done: Vec<Done>,
     /// The last stage that was to be compared with Terzaghi's theory, as seen so far.
     pub consolidation: Option<Consolidation>,
+    /// How far the compaction of the stage has come.
+    pub compaction: Compaction,
     /// Which kinds of trouble were told in the stage.
     pub told: [bool; KINDS],
     /// What must balance about the water, over all stages.

@@ -2,7 +2,7 @@
 
 use crate::boundary::{FACE_NAMES, Solid};
 use crate::budget::{Cause, Unbalanced};
-use crate::case::{Case, CaseError, Plan, Stage, at, reason};
+use crate::case::{Case, CaseError, Plan, Stage, Until, at, reason};
 use crate::cell::COMPONENTS;
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::darcy::Census;
@@ -137,7 +137,8 @@ impl Simulation {
     fn at(case: &Case, state: State, progress: Progress, stages: Vec<Stage>) -> Self {
         let model = stages[progress.stage.min(stages.len() - 1)].model.clone();
         let began = progress.began.unwrap_or_default();
-        let model = Model { stage_start: began.time, ..model };
+        let mut model = Model { stage_start: began.time, ..model };
+        model.contact.scale_friction(progress.compaction.friction);
         let grading = case.grading();
         Simulation { state, progress, stages, model, grading, began, work: Work::default(), news: Vec::new() }
     }
@@ -197,6 +198,7 @@ impl Simulation {
                 }
                 self.progress.began = Some(began);
                 self.progress.told = Default::default();
+                self.progress.compaction = Default::default();
                 self.began = began;
                 began
             }
@@ -227,6 +229,17 @@ impl Simulation {
             consolidation.watch(&self.state, &self.work.fluid);
         }
         let ended = self.ended(stage, began)?;
+        let friction = self.progress.compaction.friction;
+        if let Some(rule) = &stage.compact
+            && self.looks()
+        {
+            let rests = self.conditions(&stage.until).hold;
+            self.progress.compaction.look(rule, measure::porosity(&self.state), rests);
+        }
+        if self.progress.compaction.friction != friction {
+            self.model.contact = stage.model.contact.clone();
+            self.model.contact.scale_friction(self.progress.compaction.friction);
+        }
         if ended.is_some() {
             trouble::servos(&self.state, &self.model, &mut found);
         }
@@ -268,14 +281,12 @@ impl Simulation {
         }
         let last =
             until.max_steps.is_some_and(|end| steps >= end) || until.max_time.is_some_and(|end| time >= end);
-        if !last && !self.state.step.is_multiple_of(LOOK_EVERY) {
+        if !last && !self.looks() {
             return Ok(None);
         }
-        let unbalanced =
-            until.unbalanced.map(|_| measure::unbalanced(&self.state, &self.model, &self.work.loads));
-        let stress = until.stress_error.map(|_| self.stress_error());
-        let below = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_none_or(|(v, l)| v <= l);
-        if below(unbalanced, until.unbalanced) && below(stress.as_ref().map(|s| s.0), until.stress_error) {
+        let Conditions { unbalanced, stress, hold } = self.conditions(until);
+        let dense = stage.compact.is_none() || self.progress.compaction.reached;
+        if hold && dense {
             return Ok(Some("conditions".into()));
         }
         if !last {
@@ -288,8 +299,32 @@ impl Simulation {
         if let Some(((value, what), limit)) = stress.zip(until.stress_error) {
             why.push(format!("the stress {what} is off by {value:.3e}, asked {limit:e}"));
         }
+        if let Some(rule) = stage.compact.as_ref().filter(|_| !dense) {
+            why.push(format!(
+                "the porosity is {:.4}, asked {}, with the friction between grains down to {:.2e} of the stage's",
+                measure::porosity(&self.state),
+                rule.porosity,
+                self.progress.compaction.friction
+            ));
+        }
         let why = format!("after {steps} steps and {time:.4e} s {}", why.join(" and "));
         Err(RunError::Endless { stage: stage.name.clone(), why })
+    }
+
+    /// Whether this step is one of those that look at conditions.
+    fn looks(&self) -> bool {
+        self.state.step.is_multiple_of(LOOK_EVERY)
+    }
+
+    /// What the stage waits for, as it is now.
+    fn conditions(&self, until: &Until) -> Conditions {
+        let unbalanced =
+            until.unbalanced.map(|_| measure::unbalanced(&self.state, &self.model, &self.work.loads));
+        let stress = until.stress_error.map(|_| self.stress_error());
+        let below = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_none_or(|(v, l)| v <= l);
+        let hold =
+            below(unbalanced, until.unbalanced) && below(stress.as_ref().map(|s| s.0), until.stress_error);
+        Conditions { unbalanced, stress, hold }
     }
 
     /// The largest relative distance of a servo wall, or of a held stress of the cell, from its stress, and its name.
@@ -318,6 +353,15 @@ impl Simulation {
         }
         worst
     }
+}
+
+/// What a stage waits for, as it stands.
+struct Conditions {
+    unbalanced: Option<f64>,
+    /// The largest distance from an asked stress, and where.
+    stress: Option<(f64, String)>,
+    /// Whether all hold.
+    hold: bool,
 }
 
 /// How a call to [`run`] is to go.
@@ -521,11 +565,12 @@ fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError>
 
 /// The sample as the stage leaves it.
 fn reached(simulation: &Simulation) -> Reached {
-    let Simulation { state, model, .. } = simulation;
+    let Simulation { state, model, progress, .. } = simulation;
     let stress = measure::contact_stress(state, model);
     Reached {
         porosity: measure::porosity(state),
         coordination: measure::coordination(state),
+        friction: (progress.compaction.lowest < 1.0).then_some(progress.compaction.lowest),
         rattlers: measure::rattlers(state),
         stress: [stress.x_axis.x, stress.y_axis.y, stress.z_axis.z],
     }

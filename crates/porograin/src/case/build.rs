@@ -2,6 +2,7 @@
 
 use super::{Case, CaseError, Cloud, Packing, StageTable, StageWater, Until};
 use crate::boundary::{Domain, Signal};
+use crate::compaction::Compact;
 use crate::contact::{Contacts, Laws};
 use crate::grains::{Grains, Shape};
 use crate::import;
@@ -37,6 +38,8 @@ pub struct Stage {
     pub until: Until,
     /// What to do about signs of trouble.
     pub on: On,
+    /// The porosity to compact to.
+    pub compact: Option<Compact>,
     /// Whether to compare it with Terzaghi's theory.
     pub consolidation: bool,
 }
@@ -130,6 +133,7 @@ impl Case {
             gravity: self.gravity_of(k),
             until: stage.until.clone(),
             on: stage.on.unwrap_or(self.on),
+            compact: stage.compact,
             consolidation: stage.consolidation,
         };
         self.stage.iter().enumerate().map(complete).collect()

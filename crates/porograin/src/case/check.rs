@@ -18,6 +18,7 @@ pub(super) enum Range {
     Share,
     Poisson,
     Angle,
+    Between,
 }
 
 impl Case {
@@ -163,6 +164,23 @@ impl Case {
                 .source
                 .fault(&format!("stage.{k}.until"), format!("the stage `{name}` never ends"))
                 .hint("give time, steps, unbalanced or stress-error"));
+        }
+        if let Some(compact) = self.stage[k].compact {
+            let place = |key: &str| format!("stage.{k}.compact.{key}");
+            self.number(&place("porosity"), compact.porosity, Range::Between)?;
+            self.number(&place("factor"), compact.factor, Range::Between)?;
+            if !until.waits() || until.time.is_some() || until.steps.is_some() {
+                return Err(self
+                    .source
+                    .fault(
+                        &format!("stage.{k}.until"),
+                        format!(
+                            "the stage `{name}` compacts to a porosity, so that it must wait for rest, not for a time or a \
+                             number of steps"
+                        ),
+                    )
+                    .hint("until = { unbalanced = 1e-2, stress-error = 0.02, max-steps = 500000 }, say"));
+            }
         }
         let servo = |face: &crate::boundary::Face| matches!(face.solid, Solid::Servo { .. });
         let model = self.model(k, 0.0);
@@ -471,6 +489,7 @@ impl Case {
             Range::Part => ((0.0..1.0).contains(&value), "at least 0 and less than 1"),
             Range::Share => (value > 0.0 && value <= 1.0, "greater than 0 and at most 1"),
             Range::Poisson => (value > -1.0 && value <= 0.5, "greater than -1 and at most 0.5"),
+            Range::Between => (value > 0.0 && value < 1.0, "greater than 0 and less than 1"),
             Range::Angle => ((0.0..90.0).contains(&value), "an angle from 0 to less than 90 degrees"),
         };
         if fits {

@@ -3,6 +3,7 @@
 use super::FaceTable;
 use crate::boundary::Signal;
 use crate::cell::CellRule;
+use crate::compaction::Compact;
 use crate::contact::Law;
 use crate::model::{Flow, TimeStep};
 use crate::trouble::On;
@@ -34,6 +35,8 @@ pub struct StageTable {
     pub time_step: Option<TimeStep>,
     /// `false`: dry. A table: other properties of the water.
     pub fluid: Option<Water>,
+    /// The porosity to compact to.
+    pub compact: Option<Compact>,
     /// Another choice of what to do about signs of trouble.
     pub on: Option<On>,
     /// Whether to compare the stage with Terzaghi's theory of consolidation.

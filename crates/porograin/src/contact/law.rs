@@ -146,6 +146,12 @@ impl Laws {
         self.pairs.iter_mut().for_each(|pair| pair.law.set_friction(angle));
     }
 
+    /// Multiplies every friction angle between grains.
+    pub fn scale_friction(&mut self, factor: f64) {
+        let laws = std::iter::once(&mut self.all).chain(self.pairs.iter_mut().map(|pair| &mut pair.law));
+        laws.for_each(|law| law.set_friction(factor * law.friction()));
+    }
+
     /// Whether one law of springs and friction is all there is.
     pub fn is_plain(&self) -> bool {
         self.pairs.is_empty() && self.all.extras().is_empty()

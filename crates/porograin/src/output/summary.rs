@@ -63,6 +63,9 @@ pub struct Reached {
     pub porosity: f64,
     /// Contacts per grain [-].
     pub coordination: f64,
+    /// Where the stage compacted to a porosity: the lowest friction angle on the way, over that of the stage [-].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<f64>,
     /// Grains that carry nothing.
     pub rattlers: usize,
     /// Stress carried by the contacts along x, y, z [Pa].
