@@ -1,7 +1,7 @@
 //! `porograin list` and `porograin new`: the examples are inside the program.
 
 use crate::{Failure, Outcome};
-use porograin::case::{PACKINGS, nearest};
+use porograin::case::{PACKINGS, SHAPES, nearest};
 use porograin::pores::conductance::CONDUCTANCES;
 use porograin::watch::Measure;
 use std::path::PathBuf;
@@ -102,6 +102,15 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     (
+        "motions of walls",
+        &[
+            ("fixed", "the wall stays where it is"),
+            ("moving", "it moves at a given velocity"),
+            ("rotating", "it turns about an axis at a given rate"),
+            ("servo", "it is pushed along a direction by a given force or stress"),
+        ],
+    ),
+    (
         "boundary rules, water",
         &[
             ("sealed", "no flow through the face"),
@@ -173,6 +182,7 @@ pub fn list() -> Outcome {
     let examples: Vec<(&str, &str)> = EXAMPLES.iter().map(|e| (e.name, e.about)).collect();
     section("examples", &examples);
     section("packings", &PACKINGS);
+    section("shapes of walls", &SHAPES);
     for (heading, choices) in CHOICES {
         section(heading, choices);
     }

@@ -60,6 +60,8 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("face.all.solid=x", true),
         ("face.all.water=x", true),
         ("face.all.slip=x", true),
+        ("wall=[{name='a', shape={x=1}}]", true),
+        ("wall=[{name='a', shape={disc={centre=[0,0,0], normal=[1,0,0], radius=1}}, motion={x=1}}]", true),
         ("contact={x=1}", true),
         ("grains.packing={x=1}", true),
         ("grains.packing={cloud={count=1,grading={x=1}}}", true),

@@ -52,6 +52,12 @@ impl Neighbours {
         2.0 * (2.0 * largest + self.skin)
     }
 
+    /// Largest gap of a listed pair when the list was built [m]; a law that reaches as far as `reach` lets grains move by half
+    /// the rest before the next is built.
+    pub fn skin(&self) -> f64 {
+        self.skin
+    }
+
     /// Whether no surface has moved so far that an unlisted pair could be within `reach`.
     fn holds(&self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
         let Some(old) = &self.cell else { return false };

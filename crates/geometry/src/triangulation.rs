@@ -25,8 +25,9 @@ use view::{Space, View};
 
 /// A vertex of a pore: a grain `0..n`, or a wall `FIRST_WALL + face`.
 pub type Vertex = u32;
-/// The vertex number of the wall of face 0; wall `f` is `FIRST_WALL + f`.
-pub const FIRST_WALL: Vertex = u32::MAX - 6;
+/// The vertex number of the wall of face 0; wall `f` is `FIRST_WALL + f`. Numbers from `FIRST_WALL + 6` on are free for
+/// walls that are no faces of the box.
+pub const FIRST_WALL: Vertex = 1 << 31;
 /// No pore: beyond the outer facets spanned by three walls.
 pub const NONE: u32 = u32::MAX;
 

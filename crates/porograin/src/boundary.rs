@@ -1,6 +1,7 @@
 //! The faces of the domain: where they are now, what they do to grains, what they do to water.
 
 use crate::expression::Expression;
+use crate::walls::Place;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
 use serde::de::value::MapAccessDeserializer;
@@ -27,6 +28,8 @@ pub struct Domain {
     pub strain: DMat3,
     /// How many periods each grain has been taken back by, in the order of the grains; empty in a walled box.
     pub crossed: Vec<[i32; 3]>,
+    /// Where the walls are that the case adds, in its order.
+    pub walls: Vec<Place>,
 }
 
 impl Domain {
@@ -40,6 +43,7 @@ impl Domain {
             gradient: DMat3::ZERO,
             strain: DMat3::ZERO,
             crossed: Vec::new(),
+            walls: Vec::new(),
         }
     }
 

@@ -12,6 +12,7 @@ mod material;
 mod periodic;
 mod source;
 mod stage;
+mod walls;
 
 pub use build::{Plan, Stage, at};
 pub use error::{CaseError, Place, nearest};
@@ -19,6 +20,7 @@ pub use implied::{Implied, ImpliedStage, ImpliedWater};
 pub use material::{Material, Pair};
 pub use periodic::Periodic;
 pub use stage::{StageTable, Until, Water as StageWater};
+pub use walls::{SHAPES, ShapeTable, WallRule, WallTable};
 
 use crate::boundary::{FACE_NAMES, Face, Signal, Slip, Solid, Water};
 use crate::cell::CellRule;
@@ -27,6 +29,7 @@ use crate::model::{FluidModel, TimeStep};
 use crate::output::plot::Plot;
 use crate::packing::{self, Amount, Grading};
 use crate::trouble::On;
+use crate::walls::Shape;
 use crate::watch::Watch;
 use serde::Deserialize;
 use source::Source;
@@ -54,6 +57,9 @@ pub struct Case {
     /// Rules of the six faces; stages may override them.
     #[serde(default)]
     pub face: FaceTable,
+    /// Walls besides those at the faces; stages may override how they move.
+    #[serde(default)]
+    pub wall: Vec<WallTable>,
     /// What drives the periodic cell; stages may replace it.
     pub cell: Option<CellRule>,
     /// Acceleration [m/s²].
@@ -84,6 +90,9 @@ pub struct Case {
     source: Source,
     #[serde(skip)]
     folder: PathBuf,
+    /// Of the walls, in order.
+    #[serde(skip)]
+    shapes: Vec<Shape>,
 }
 
 /// The box in which it happens.
@@ -301,6 +310,8 @@ impl Case {
         case.source = source;
         case.folder = folder.to_owned();
         case.check()?;
+        case.shapes = case.make_shapes()?;
+        case.check_shapes()?;
         Ok(case)
     }
 

@@ -118,8 +118,19 @@ pub struct Loads {
     pub force: Vec<DVec3>,
     /// Torque on each grain.
     pub torque: Vec<DVec3>,
-    /// Force on each wall, in face order.
+    /// Force on the wall of each face, in face order.
     pub wall: [DVec3; 6],
+    /// What acts on each wall that the case adds.
+    pub walls: Vec<Push>,
+}
+
+/// A force and a moment on a body.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Push {
+    /// [N]
+    pub force: DVec3,
+    /// About the centre of the body [N m].
+    pub moment: DVec3,
 }
 
 impl Loads {
@@ -130,5 +141,6 @@ impl Loads {
         self.torque.clear();
         self.torque.resize(n, DVec3::ZERO);
         self.wall = [DVec3::ZERO; 6];
+        self.walls.clear();
     }
 }

@@ -28,6 +28,7 @@ pub mod state;
 pub mod step;
 pub mod timers;
 pub mod trouble;
+pub mod walls;
 pub mod watch;
 
 pub use boundary::{Domain, Face, Signal, Slip, Solid, Water};

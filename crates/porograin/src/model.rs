@@ -5,6 +5,7 @@ use crate::cell::CellRule;
 use crate::contact::Laws;
 use crate::darcy::Darcy;
 use crate::pores::Pores;
+use crate::walls::Wall;
 use glam::DVec3;
 use serde::Deserialize;
 
@@ -21,6 +22,8 @@ pub struct Model {
     pub damping: f64,
     /// Rules of the six faces.
     pub faces: [Face; 6],
+    /// The walls that the case adds.
+    pub walls: Vec<Wall>,
     /// What drives the periodic cell.
     pub cell: CellRule,
     /// The water; `None` when the stage is dry.

@@ -5,6 +5,7 @@ use crate::cell;
 use crate::grains::{Grains, Loads, Shape};
 use crate::model::Model;
 use crate::state::State;
+use crate::walls;
 use glam::DVec3;
 use porograin_geometry::cell::NORMALS;
 use rayon::prelude::*;
@@ -49,6 +50,7 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
     state.domain.wall_force = loads.wall;
     let moved = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
     state.domain.wall_velocity = std::array::from_fn(moved);
+    walls::motion::advance(state, model, &loads.walls, dt);
     if !state.domain.is_periodic() {
         move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, |_, velocity| velocity);
         move_walls(&mut state.domain, dt);

@@ -13,6 +13,7 @@ use crate::contact::{ContactLaw, Law, Laws, Memory, Stiffness, Surroundings, Tou
 use crate::grains::Grains;
 use crate::model::{Model, RENEW_EVERY, TimeStep};
 use crate::state::State;
+use crate::walls;
 use glam::DVec3;
 use porograin_geometry::triangulation::wall;
 
@@ -34,6 +35,8 @@ pub enum Cause {
     Flight(u32),
     /// The piston at this face.
     Piston(usize),
+    /// The servoed wall of this number in the case.
+    Wall(usize),
     /// The viscous damping by the water in the pores.
     Water,
     /// Nothing: there are no grains.
@@ -46,6 +49,7 @@ impl std::fmt::Display for Cause {
             Cause::Grain(id) => write!(f, "the contacts of grain {id}"),
             Cause::Flight(id) => write!(f, "grain {id}, were it to meet the largest grain"),
             Cause::Piston(face) => write!(f, "the piston at the {} face", crate::boundary::FACE_NAMES[*face]),
+            Cause::Wall(k) => write!(f, "the servo of wall {}", k + 1),
             Cause::Water => write!(f, "the viscosity of the water in the pores"),
             Cause::Nothing => write!(f, "nothing"),
         }
@@ -132,13 +136,15 @@ impl Held {
 /// contacts that form before the next look, are provided for.
 pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
     let (grains, laws) = (&state.grains, &model.contact);
-    let surroundings = Surroundings::new(grains, &state.domain, &model.faces, laws);
+    let surroundings = Surroundings::new(grains, &state.domain, &model.faces, &model.walls, laws);
     let n = grains.len();
     // Behind the springs of all grains, where there are any, their dampers.
     held.clear();
     held.resize(if laws.is_plain() { n } else { 2 * n }, Held::default());
     let pistons = crate::motion::pistons(model, grains);
     let mut piston = [[0.0; 2]; 6];
+    let servoed: Vec<_> = model.walls.iter().map(|wall| walls::motion::servoed(wall, state)).collect();
+    let mut pushed = vec![[0.0; 2]; servoed.len()];
     for &pair in &state.contacts.pairs {
         let touch = surroundings.touch(pair);
         let stiffness = surroundings.law(pair).stiffness(&touch);
@@ -157,6 +163,17 @@ pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
             None => {
                 hold(i, 0, grains.mass[pair[1] as usize]);
                 hold(pair[1] as usize, 1, grains.mass[i]);
+            }
+            Some(6..) => {
+                let wall = walls::find(&model.walls, pair[1]).0;
+                hold(i, 0, servoed[wall].map_or(f64::INFINITY, |(mass, _)| mass));
+                if let Some((mass, along)) = servoed[wall] {
+                    let share = (1.0 + (mass / grains.mass[i]).sqrt()) / mass;
+                    let cosine = along.dot(touch.normal);
+                    let part = |normal: f64, shear: f64| share * (shear + (normal - shear) * cosine * cosine);
+                    pushed[wall][0] += part(stiffness.normal, stiffness.shear);
+                    pushed[wall][1] += part(stiffness.normal_damper, stiffness.shear_damper);
+                }
             }
             Some(face) => {
                 hold(i, 0, pistons[face].unwrap_or(f64::INFINITY));
@@ -186,6 +203,9 @@ pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
     }
     for face in 0..6 {
         claim(pace(piston[face][0], piston[face][1]), Cause::Piston(face));
+    }
+    for (wall, pushed) in pushed.iter().enumerate() {
+        claim(pace(pushed[0], pushed[1]), Cause::Wall(wall));
     }
     Limit { seconds: 1.0 / worst.0, cause: worst.1 }
 }

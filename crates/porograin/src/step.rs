@@ -64,8 +64,8 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     if rebuilt {
         roomy(domain, neighbours)?;
     }
-    let surroundings = Surroundings::new(grains, domain, &model.faces, &model.contact);
-    contact::follow(touching, &surroundings, &neighbours.pairs, rebuilt, contacts);
+    let surroundings = Surroundings::new(grains, domain, &model.faces, &model.walls, &model.contact);
+    contact::follow(touching, &surroundings, neighbours, rebuilt, contacts);
     timers.lap("neighbours");
 
     // What acts on each grain. Every line only adds to `loads`.

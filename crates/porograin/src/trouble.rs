@@ -6,9 +6,11 @@ use crate::measure;
 use crate::model::{Model, TimeStep};
 use crate::stability::{self, Limit};
 use crate::state::State;
+use crate::walls;
 use porograin_geometry::triangulation::wall;
 use serde::Deserialize;
 use std::fmt;
+use std::sync::Arc;
 
 /// Part of its stress by which a servo wall may be off at the end of a stage.
 const SERVO_ERROR: f64 = 0.1;
@@ -94,12 +96,14 @@ pub enum Trouble {
 pub const KINDS: usize = 4;
 
 /// What a grain overlaps with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Other {
     /// Another grain.
     Grain(u32),
     /// The wall at a face.
     Wall(usize),
+    /// A wall that the case adds, by name.
+    Named(Arc<str>),
 }
 
 impl Trouble {
@@ -138,6 +142,7 @@ impl fmt::Display for Trouble {
                 match other {
                     Other::Grain(id) => write!(f, "grain {id}")?,
                     Other::Wall(face) => write!(f, "the {} wall", FACE_NAMES[*face])?,
+                    Other::Named(name) => write!(f, "the wall `{name}`")?,
                 }
                 write!(
                     f,
@@ -165,13 +170,14 @@ impl fmt::Display for Trouble {
 /// What can be seen in passing over the contacts: deep overlaps, and a fixed time step that is too long.
 pub fn look(state: &State, model: &Model, found: &mut Vec<Trouble>) {
     let (grains, time) = (&state.grains, state.time);
-    let around = Surroundings::new(grains, &state.domain, &model.faces, &model.contact);
+    let around = Surroundings::new(grains, &state.domain, &model.faces, &model.walls, &model.contact);
     let deep = state.contacts.pairs.iter().find_map(|&pair| {
         let touch = around.near(pair).touch();
         let part = touch.overlap / touch.radius[0].min(touch.radius[1]);
         (part >= 0.5).then(|| Trouble::DeepOverlap {
             grain: grains.id[pair[0] as usize],
             other: match wall(pair[1]) {
+                Some(6..) => Other::Named(model.walls[walls::find(&model.walls, pair[1]).0].name.clone()),
                 Some(face) => Other::Wall(face),
                 None => Other::Grain(grains.id[pair[1] as usize]),
             },

@@ -46,6 +46,7 @@ fn sample(viscosity: f64) -> (State, Model) {
         contact: Law::Linear(Linear::new(15e6, 0.5, 30.0)).into(),
         damping: 0.0,
         faces,
+        walls: Vec::new(),
         cell: Default::default(),
         fluid: Some(FluidModel {
             viscosity,

@@ -12,6 +12,7 @@ fn model(stiffness_ratio: f64, friction: f64) -> Model {
         contact: Law::Linear(Linear::new(1e6, stiffness_ratio, friction)).into(),
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction, ..Face::default() }),
+        walls: Vec::new(),
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,

@@ -17,6 +17,7 @@ fn model(stiffness_ratio: f64, friction: f64) -> Model {
         contact: Law::Linear(Linear::new(1e6, stiffness_ratio, friction)).into(),
         damping: 0.0,
         faces: std::array::from_fn(|_| Face::default()),
+        walls: Vec::new(),
         cell: CellRule::default(),
         fluid: None,
         stage_start: 0.0,

@@ -39,6 +39,7 @@ fn sample(faces: [Face; 6], step: Stepping) -> (State, Model) {
         contact: Law::Linear(Linear::new(15e6, 0.5, 30.0)).into(),
         damping: 0.0,
         faces,
+        walls: Vec::new(),
         cell: Default::default(),
         fluid: Some(FluidModel {
             viscosity: 1e-3,

@@ -56,6 +56,7 @@ pub fn dry_model() -> Model {
         contact: linear().into(),
         damping: 0.2,
         faces: std::array::from_fn(|_| Face::default()),
+        walls: Vec::new(),
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,

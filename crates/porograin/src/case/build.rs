@@ -10,6 +10,7 @@ use crate::model::Model;
 use crate::packing::{self, Grading};
 use crate::state::State;
 use crate::trouble::On;
+use crate::walls::Place;
 use glam::DVec3;
 use porograin_geometry::Cell;
 
@@ -80,6 +81,7 @@ impl Case {
             contact,
             damping: stage.damping.or(self.damping).unwrap_or(default_damping),
             faces,
+            walls: self.walls_in(k),
             cell: stage.cell.clone().or_else(|| self.cell.clone()).unwrap_or_default(),
             fluid,
             stage_start: start,
@@ -113,11 +115,12 @@ impl Case {
         self.assign_materials(&mut grains);
         let grains = packing::ordered(&cell, grains);
         self.roomy(&cell, &grains)?;
+        self.clear_of_walls(&grains)?;
         let state = State {
             time: 0.0,
             step: 0,
             dt: 0.0,
-            domain: Domain::of(cell),
+            domain: Domain { walls: vec![Place::default(); self.wall.len()], ..Domain::of(cell) },
             grains,
             contacts: Contacts::default(),
             fluid: None,

@@ -38,6 +38,7 @@ impl Case {
         self.optional("damping", self.damping, Range::Part)?;
         self.time_step("time-step", &self.time_step)?;
         self.faces("face", &self.face)?;
+        self.check_walls()?;
         if let Some(rule) = &self.cell {
             self.cell_rule("cell", rule)?;
         }
@@ -316,7 +317,7 @@ impl Case {
         Ok(())
     }
 
-    fn signals(&self, path: &str, signals: &[Signal; 3]) -> Result<(), CaseError> {
+    pub(super) fn signals(&self, path: &str, signals: &[Signal; 3]) -> Result<(), CaseError> {
         let mut axes = signals.iter().enumerate();
         axes.try_for_each(|(axis, signal)| self.signal_in_time(&format!("{path}.{axis}"), signal))
     }

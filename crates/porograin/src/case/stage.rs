@@ -1,6 +1,6 @@
 //! Stages: an ordered list, each with what it overrides and when it ends.
 
-use super::FaceTable;
+use super::{FaceTable, WallRule};
 use crate::boundary::Signal;
 use crate::cell::CellRule;
 use crate::compaction::Compact;
@@ -9,6 +9,7 @@ use crate::model::{Flow, TimeStep};
 use crate::trouble::On;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// One stage: what differs from the case itself during it, and when it ends. Nothing carries over to the next stage.
 #[derive(Clone, Debug, Deserialize)]
@@ -25,6 +26,9 @@ pub struct StageTable {
     /// Other rules of faces.
     #[serde(default)]
     pub face: FaceTable,
+    /// What is different about walls, by name.
+    #[serde(default)]
+    pub wall: BTreeMap<String, WallRule>,
     /// Another rule of the periodic cell, complete.
     pub cell: Option<CellRule>,
     /// Another gravity [m/s²].

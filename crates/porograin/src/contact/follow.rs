@@ -3,22 +3,23 @@
 use super::pass::Scratch;
 use super::{Contacts, More, Surroundings};
 use glam::DVec3;
+use porograin_geometry::Neighbours;
 
 /// Adds to `contacts` the near pairs that have come to touch; those that parted leave in the [pass](super::add).
 ///
-/// `pairs` is the sorted list of near pairs, `rebuilt` whether it is new. The result depends on where the grains are
+/// `near` holds the sorted list of near pairs, `rebuilt` says whether it is new. The result depends on where the grains are
 /// and on `contacts` alone, not on the scratch.
 pub fn follow(
     contacts: &mut Contacts,
     surroundings: &Surroundings,
-    pairs: &[[u32; 2]],
+    near: &Neighbours,
     rebuilt: bool,
     scratch: &mut Scratch,
 ) {
     if rebuilt || scratch.known != contacts.len() {
         scratch.apart.clear();
         let mut touching = contacts.pairs.iter().peekable();
-        for pair in pairs {
+        for pair in &near.pairs {
             while touching.next_if(|t| *t < pair).is_some() {}
             if touching.next_if_eq(&pair).is_none() {
                 scratch.apart.push(*pair);
@@ -38,6 +39,7 @@ pub fn follow(
         scratch.born.sort_unstable();
         insert(contacts, &scratch.born);
     }
+    scratch.near.follow(contacts, surroundings, near.skin(), rebuilt);
     scratch.known = contacts.len();
 }
 

@@ -10,6 +10,7 @@ mod lanes;
 mod law;
 mod linear;
 mod memory;
+mod parts;
 mod pass;
 mod rolling;
 #[cfg(test)]

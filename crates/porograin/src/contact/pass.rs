@@ -6,7 +6,8 @@
 
 use super::lanes::{BATCH, Batch};
 use super::{ContactLaw, Contacts, Law, Memory, More, Plain, Surroundings};
-use crate::grains::Loads;
+use crate::grains::{Loads, Push};
+use crate::walls::is_part;
 use glam::DVec3;
 use porograin_geometry::triangulation::wall;
 
@@ -23,6 +24,8 @@ pub struct Scratch {
     pub(super) born: Vec<[u32; 2]>,
     /// How many contacts `apart` goes with.
     pub(super) known: usize,
+    /// Grains near walls that the case adds.
+    pub(super) near: super::parts::Near,
     blocks: Vec<Block>,
 }
 
@@ -32,6 +35,8 @@ struct Block {
     later: Vec<Later>,
     parted: Vec<u32>,
     wall: [DVec3; 6],
+    /// Pairs with parts of walls that the case adds, and what acts on the grain.
+    parts: Vec<([u32; 2], Push)>,
 }
 
 /// The load of one contact on a grain of a later block.
@@ -53,6 +58,7 @@ pub fn add(
 ) {
     let laws = surroundings.laws;
     contacts.remember(laws);
+    loads.walls.resize(surroundings.walls.len(), Push::default());
     let blocks = loads.force.len().div_ceil(BLOCK).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
     let share = Share {
@@ -79,6 +85,9 @@ pub fn add(
         }
         for face in 0..6 {
             loads.wall[face] += block.wall[face];
+        }
+        for (pair, on_grain) in &block.parts {
+            surroundings.react(*pair, on_grain, &mut loads.walls);
         }
     }
     remove_parted(contacts, scratch);
@@ -188,6 +197,7 @@ impl Share<'_> {
         block.later.clear();
         block.parted.clear();
         block.wall = [DVec3::ZERO; 6];
+        block.parts.clear();
     }
 
     fn part(&mut self, k: usize) {
@@ -203,7 +213,13 @@ impl Share<'_> {
         self.force[i] += force;
         self.torque[i] += levers[0] * turning + moment;
         if let Some(face) = wall(pair[1]) {
-            self.blocks[0].wall[face] -= force;
+            match self.blocks[0].wall.get_mut(face) {
+                Some(on) => *on -= force,
+                None => {
+                    let moment = levers[0] * turning + moment;
+                    self.blocks[0].parts.push((pair, Push { force, moment }));
+                }
+            }
             return;
         }
         let (j, torque) = (pair[1] as usize - offset, levers[1] * turning - moment);
@@ -223,7 +239,10 @@ fn remove_parted(contacts: &mut Contacts, scratch: &mut Scratch) {
     let mut kept = first;
     for k in first..contacts.pairs.len() {
         if parted.next_if_eq(&k).is_some() {
-            scratch.apart.push(contacts.pairs[k]);
+            // Where grains meet walls that the case adds is found anew in every step.
+            if !is_part(contacts.pairs[k][1]) {
+                scratch.apart.push(contacts.pairs[k]);
+            }
         } else {
             contacts.pairs[kept] = contacts.pairs[k];
             contacts.shear[kept] = contacts.shear[k];

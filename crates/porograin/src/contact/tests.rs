@@ -97,7 +97,7 @@ fn moved(law: &Law, wall: bool, shear: DVec3, change: &[(DVec3, DVec3)]) -> (Loa
     }
     let mut contacts = Contacts { pairs: vec![pair], shear: vec![shear], ..Contacts::default() };
     let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
-    let around = Surroundings::new(&grains, &domain, &faces, &laws);
+    let around = Surroundings::new(&grains, &domain, &faces, &[], &laws);
     let mut loads = Loads::default();
     loads.clear(grains.len());
     add(&mut loads, &mut contacts, &around, 1.0, &mut Scratch::default());
@@ -111,7 +111,7 @@ fn loads_are_minus_the_gradient_of_the_energy() {
         for wall in [false, true] {
             let (grains, pair) = pair(wall);
             let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
-            let touch = Surroundings::new(&grains, &domain, &faces, &laws).touch(pair);
+            let touch = Surroundings::new(&grains, &domain, &faces, &[], &laws).touch(pair);
             let pressing = law.load(&touch, &mut Memory::default(), 0.0).force.length();
             let none = vec![(DVec3::ZERO, DVec3::ZERO); grains.len()];
             // A shear force well inside the friction cone; where `k_t` depends on the overlap, the shear spring is held by
@@ -275,7 +275,7 @@ fn the_memory_turns_with_a_rigidly_turning_pair() {
             grains.position[1] = at(k);
             grains.spin = vec![axis; 2];
             loads.clear(2);
-            let around = Surroundings::new(&grains, &domain, &faces, &laws);
+            let around = Surroundings::new(&grains, &domain, &faces, &[], &laws);
             add(&mut loads, &mut contacts, &around, 1.0 / steps as f64, &mut Scratch::default());
         }
         let expected = DQuat::from_scaled_axis(axis) * start;
@@ -302,8 +302,8 @@ fn cluster(n: usize, walls: bool, seed: u64) -> (Grains, Contacts, Neighbours) {
 fn loads_of(law: &Law, grains: &Grains, contacts: &mut Contacts, near: &Neighbours) -> Loads {
     let (faces, domain, mut scratch) = (faces(), domain(), Scratch::default());
     let laws = Laws::from(law.clone());
-    let around = Surroundings::new(grains, &domain, &faces, &laws);
-    follow(contacts, &around, &near.pairs, true, &mut scratch);
+    let around = Surroundings::new(grains, &domain, &faces, &[], &laws);
+    follow(contacts, &around, &near, true, &mut scratch);
     let mut loads = Loads::default();
     loads.clear(grains.len());
     add(&mut loads, contacts, &around, 1e-4, &mut scratch);
@@ -364,8 +364,8 @@ fn pairs_enter_and_leave_in_order() {
     for _ in 0..60 {
         let before = contacts.pairs.clone();
         let rebuilt = near.refresh(&domain.cell, &grains.position, &grains.radius, 0.0);
-        let around = Surroundings::new(&grains, &domain, &faces, &laws);
-        follow(&mut contacts, &around, &near.pairs, rebuilt, &mut scratch);
+        let around = Surroundings::new(&grains, &domain, &faces, &[], &laws);
+        follow(&mut contacts, &around, &near, rebuilt, &mut scratch);
         let mut loads = Loads::default();
         loads.clear(grains.len());
         add(&mut loads, &mut contacts, &around, 1e-4, &mut scratch);

@@ -2,7 +2,8 @@
 
 use super::{Law, Laws};
 use crate::boundary::{Domain, Face};
-use crate::grains::Grains;
+use crate::grains::{Grains, Push};
+use crate::walls::{self, Wall};
 use glam::{DMat3, DVec3};
 use porograin_geometry::Period;
 use porograin_geometry::cell::NORMALS;
@@ -131,14 +132,19 @@ pub struct Surroundings<'a> {
     pub grains: &'a Grains,
     /// The laws.
     pub laws: &'a Laws,
-    walls: [Wall; 6],
+    faces: [Side; 6],
+    /// The walls that the case adds.
+    pub walls: &'a [Wall],
+    /// Where all walls are.
+    pub domain: &'a Domain,
     friction: f64,
     /// Where the cell is periodic: its periods, and how fast images move per shift [1/s].
     period: Option<(Period, DMat3)>,
 }
 
+/// The wall at a face.
 #[derive(Clone, Copy, Debug)]
-struct Wall {
+struct Side {
     position: f64,
     velocity: DVec3,
     friction: f64,
@@ -146,14 +152,21 @@ struct Wall {
 
 impl<'a> Surroundings<'a> {
     /// Of a state and a model, in parts.
-    pub fn new(grains: &'a Grains, domain: &Domain, faces: &[Face; 6], laws: &'a Laws) -> Self {
-        let walls = std::array::from_fn(|face| Wall {
+    pub fn new(
+        grains: &'a Grains,
+        domain: &'a Domain,
+        faces: &[Face; 6],
+        walls: &'a [Wall],
+        laws: &'a Laws,
+    ) -> Self {
+        let faces = std::array::from_fn(|face| Side {
             position: domain.cell.wall_position(face),
             velocity: domain.wall_velocity[face],
             friction: faces[face].friction.to_radians().tan(),
         });
         let period = Period::of(&domain.cell).map(|period| (period, domain.gradient));
-        Surroundings { grains, laws, walls, friction: laws.all.friction().to_radians().tan(), period }
+        let friction = laws.all.friction().to_radians().tan();
+        Surroundings { grains, laws, faces, walls, domain, friction, period }
     }
 
     /// The law of a pair.
@@ -200,8 +213,9 @@ impl<'a> Surroundings<'a> {
                     mass: grains.mass[i] * grains.mass[j] / (grains.mass[i] + grains.mass[j]),
                 }
             }
+            Some(6..) => self.near_part(i, second),
             Some(face) => {
-                let plane = &self.walls[face];
+                let plane = &self.faces[face];
                 let outward = if face % 2 == 0 { -1.0 } else { 1.0 };
                 // A centre on the wall has a normal still.
                 let distance = (outward * (plane.position - grains.position[i][face / 2])).max(1e-9 * radius);
@@ -218,6 +232,42 @@ impl<'a> Surroundings<'a> {
         }
     }
 
+    /// A grain near a part of a wall that the case adds: out of the way of all other pairs.
+    #[cold]
+    #[inline(never)]
+    fn near_part(&self, i: usize, second: u32) -> Near {
+        let (grains, (k, part)) = (self.grains, walls::find(self.walls, second));
+        let (wall, place, radius) = (&self.walls[k], &self.domain.walls[k], self.grains.radius[i]);
+        let foot = wall.shape.foot(part, place.back(grains.position[i]));
+        // A centre on the wall has a normal still.
+        let distance = foot.branch.length();
+        let branch = if distance > 1e-9 * radius { foot.branch } else { 1e-9 * radius * foot.normal };
+        let branch = place.turn * branch;
+        // The wall is a grain of the same radius on the other side, which turns with it.
+        let across = branch.length();
+        let other = grains.position[i] + branch * ((radius + across) / across);
+        let centre = place.forth(wall.shape.centre());
+        let velocity = place.velocity + place.spin.cross(other - centre);
+        Near {
+            branch,
+            reach: radius,
+            radius: [radius, radius],
+            velocity: velocity - grains.velocity[i],
+            spin: [grains.spin[i], place.spin],
+            friction: wall.friction.to_radians().tan(),
+            mass: grains.mass[i],
+        }
+    }
+
+    /// Gives the opposite of what acts on a grain about its centre to the wall of the pair, about the wall's centre.
+    pub(super) fn react(&self, [first, second]: [u32; 2], on_grain: &Push, on_walls: &mut [Push]) {
+        let (k, _) = walls::find(self.walls, second);
+        let centre = self.domain.walls[k].forth(self.walls[k].shape.centre());
+        let lever = self.grains.position[first as usize] - centre;
+        on_walls[k].force -= on_grain.force;
+        on_walls[k].moment -= lever.cross(on_grain.force) + on_grain.moment;
+    }
+
     /// Whether a pair touches: what [`touch`](Self::touch) would call a positive overlap.
     #[inline(always)]
     pub fn touches(&self, [first, second]: [u32; 2]) -> bool {
@@ -231,9 +281,13 @@ impl<'a> Surroundings<'a> {
                 touches(branch)
                     || self.period.as_ref().is_some_and(|(p, _)| touches(branch + p.nearest(branch)))
             }
+            Some(6..) => {
+                let near = self.near_part(i, second);
+                near.branch.length_squared() < near.reach * near.reach
+            }
             Some(face) => {
                 let outward = if face % 2 == 0 { -1.0 } else { 1.0 };
-                grains.radius[i] > outward * (self.walls[face].position - grains.position[i][face / 2])
+                grains.radius[i] > outward * (self.faces[face].position - grains.position[i][face / 2])
             }
         }
     }

@@ -17,7 +17,7 @@ pub fn kinetic_energy(grains: &Grains) -> f64 {
 
 /// Energy stored in the contacts [J].
 pub fn elastic_energy(state: &State, model: &Model) -> f64 {
-    let around = Surroundings::new(&state.grains, &state.domain, &model.faces, &model.contact);
+    let around = Surroundings::new(&state.grains, &state.domain, &model.faces, &model.walls, &model.contact);
     let energy = |(k, &pair): (usize, &[u32; 2])| {
         let (law, touch, memory) = (around.law(pair), around.touch(pair), state.contacts.memory(k));
         law.holds(&touch, &memory).then(|| law.energy(&touch, &memory))

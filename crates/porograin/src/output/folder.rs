@@ -88,6 +88,10 @@ impl Folder {
         fs::create_dir_all(path.join("vtk")).map_err(failed)?;
         let case_text = format!("{SIGNATURE}{}.\n{}", env!("CARGO_PKG_VERSION"), case.text());
         replace(&path.join("case.toml"), case_text.as_bytes()).map_err(failed)?;
+        for (named, found) in case.wall_files() {
+            let name = Path::new(named).file_name().unwrap_or(named.as_ref());
+            fs::copy(found, path.join(name)).map_err(failed)?;
+        }
         let measures = measures(&case.watch);
         let history = Table::create(&path.join("history.csv"), &heads(&measures)).map_err(failed)?;
         let written =

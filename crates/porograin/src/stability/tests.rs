@@ -13,6 +13,7 @@ fn model(safety: f64) -> Model {
         contact: Law::Linear(LAW).into(),
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction: 60.0, ..Face::default() }),
+        walls: Vec::new(),
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,
@@ -46,7 +47,7 @@ fn block(spread: f64) -> State {
 /// Largest eigenvalue of `M⁻¹ K` by power iteration on the linearised contacts, walls fixed.
 fn largest(state: &State, model: &Model) -> f64 {
     let (grains, law) = (&state.grains, &model.contact.all);
-    let around = Surroundings::new(grains, &state.domain, &model.faces, &model.contact);
+    let around = Surroundings::new(grains, &state.domain, &model.faces, &model.walls, &model.contact);
     let n = grains.len();
     let mut shape: Vec<(DVec3, DVec3)> = (0..n)
         .map(|k| {
