@@ -359,7 +359,8 @@ impl Case {
         let walls = self.walls_in(0);
         for (k, wall) in walls.iter().enumerate().filter(|(_, wall)| wall.present) {
             for (i, (&x, &radius)) in grains.position.iter().zip(&grains.radius).enumerate() {
-                (near.clear(), feet.clear());
+                near.clear();
+                feet.clear();
                 if !wall.shape.near(x, radius, &mut near) {
                     continue;
                 }

@@ -303,7 +303,7 @@ fn loads_of(law: &Law, grains: &Grains, contacts: &mut Contacts, near: &Neighbou
     let (faces, domain, mut scratch) = (faces(), domain(), Scratch::default());
     let laws = Laws::from(law.clone());
     let around = Surroundings::new(grains, &domain, &faces, &[], &laws);
-    follow(contacts, &around, &near, true, &mut scratch);
+    follow(contacts, &around, near, true, &mut scratch);
     let mut loads = Loads::default();
     loads.clear(grains.len());
     add(&mut loads, contacts, &around, 1e-4, &mut scratch);
