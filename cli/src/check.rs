@@ -49,6 +49,9 @@ fn show(implied: &Implied) {
                 "  {steps} steps: the water would shorten explicit ones about {:.1} times",
                 water.shortens
             );
+            if water.free_level {
+                eprintln!("  no pressure is given anywhere: pressures count from their mean");
+            }
             if let Some([nx, ny, nz]) = stage.cells {
                 let each = count / (nx * ny * nz) as f64;
                 eprintln!("  {nx} x {ny} x {nz} cells with {each:.1} grains each");

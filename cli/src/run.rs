@@ -117,6 +117,9 @@ fn report(folder: &Folder) {
                 "", reached.porosity, reached.coordination, reached.rattlers
             );
         }
+        if stage.free_level {
+            eprintln!("              no pressure is given anywhere: pressures count from their mean");
+        }
     }
     if let Some(error) = folder.summary.sample.grading_error {
         eprintln!("     grading: passing mass within {error:.1e} of what was asked for");

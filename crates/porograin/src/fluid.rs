@@ -4,11 +4,14 @@ use crate::boundary::{Face, Slip, Water};
 use crate::budget::{self, Audit};
 use crate::darcy::{self, GridState};
 use crate::grains::{Grains, Loads};
-use crate::model::{Flow, FluidModel, Model};
+use crate::model::{Flow, FluidModel, Model, TimeStep};
 use crate::motion::pistons;
 use crate::permeability;
+use crate::pores::carry::{Former, former_nodes};
 use crate::pores::mesh::{Carried, Mesh, Walls};
+use crate::pores::store::{self, Store};
 use crate::pores::{Coupling, Memory, PoreState, Pores, Recipe, Stepping, System, geometric, viscous};
+use crate::stability;
 use crate::state::State;
 use crate::step::StepError;
 use glam::DVec3;
@@ -78,6 +81,11 @@ impl Scratch {
         }
     }
 
+    /// Whether only differences of the pores' pressures are known: the water is incompressible and no pressure is given.
+    pub fn free_level(&self) -> bool {
+        self.made.as_ref().is_some_and(|made| made.system.free_level())
+    }
+
     /// What the set-up of the pressure solve made, once there is one.
     pub fn setup(&self) -> Option<porograin_linear::Setup> {
         self.made.as_ref().map(|made| made.system.setup())
@@ -144,10 +152,11 @@ fn recipe(model: &Model, fluid: &FluidModel, pores: &Pores) -> Recipe {
         conductance: pores.conductance,
         coupling: pores.coupling,
         viscosity: fluid.viscosity,
+        bulk_modulus: fluid.bulk_modulus,
     }
 }
 
-/// Starts afresh from where the grains are now.
+/// A new mesh where the grains are now, with the pressures of the last one.
 fn renew(
     state: &mut State,
     recipe: &Recipe,
@@ -155,6 +164,14 @@ fn renew(
     pores: &Pores,
     scratch: &mut Scratch,
 ) -> Result<(), StepError> {
+    let former = former(state, scratch)?;
+    // The longest step there may be: over shorter ones compressible water damps less.
+    let longest = || match model.time_step {
+        TimeStep::Fixed(dt) => dt,
+        TimeStep::Automatic { .. } => stability::limit(state, model, &mut Vec::new()).seconds,
+    };
+    let empty = |interval| Store { surplus: Vec::new(), void: 0.0, interval };
+    let store = recipe.bulk_modulus.map(|_| empty(longest()));
     state.fluid = Some(Fluid::Pores(PoreState {
         recipe: *recipe,
         made_at_step: state.step,
@@ -162,19 +179,15 @@ fn renew(
         mesh_cell: state.domain.cell,
         viscous_rate: 0.0,
         implicit: None,
+        store,
         pressure: Vec::new(),
         before: Default::default(),
     }));
     make(state, recipe, pores, scratch, true)?;
-    let (Some(Fluid::Pores(water)), Some(made)) = (&mut state.fluid, &mut scratch.made) else {
-        return Ok(());
-    };
-    water.pressure = vec![0.0; made.mesh.nodes()];
-    water.before.fill(water.pressure.clone());
+    let Some(made) = &mut scratch.made else { return Ok(()) };
     let pistons = pistons(model, &state.grains);
-    water.viscous_rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons)
+    let rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons)
         .map_err(|error| cannot_solve(error, &made.mesh, &state.grains))?;
-    let rate = water.viscous_rate;
     let implicit = match pores.step {
         Stepping::Explicit => false,
         Stepping::Implicit => true,
@@ -182,10 +195,60 @@ fn renew(
         Stepping::Auto if pores.coupling == Coupling::Geometric => false,
         Stepping::Auto => implicit::pays(state, model, rate),
     };
-    if let Some(Fluid::Pores(water)) = &mut state.fluid {
-        water.implicit = implicit.then(Memory::default);
+    let State { grains, domain, fluid: Some(Fluid::Pores(water)), .. } = state else { return Ok(()) };
+    water.viscous_rate = rate;
+    water.implicit = implicit.then(Memory::default);
+    water.pressure = vec![0.0; made.mesh.nodes()];
+    water.before.fill(water.pressure.clone());
+    if let Some((mesh, old)) = &former {
+        let now = Packing { cell: &domain.cell, position: &grains.position, radius: &grains.radius };
+        let then = Packing { cell: &old.mesh_cell, position: &old.mesh_position, radius: &grains.radius };
+        let nodes = former_nodes(then, mesh, now, &made.mesh);
+        let carry = |from: &[f64]| nodes.iter().map(|&node| from[node as usize]).collect();
+        water.pressure = carry(&old.pressure);
+        water.before = [carry(&old.before[0]), carry(&old.before[1])];
+    }
+    if let Some(store) = &mut water.store {
+        let known =
+            former.and_then(|(_, old)| old.store.filter(|_| old.recipe.bulk_modulus == recipe.bulk_modulus));
+        // The next explicit solve answers the motion that brought the grains here.
+        let pending = if implicit {
+            0.0
+        } else {
+            let mut moved = Carried::default();
+            made.mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut moved);
+            state.dt * moved.pore.iter().sum::<f64>()
+        };
+        *store = Store {
+            interval: store.interval,
+            ..Store::new(
+                &made.mesh,
+                made.system.capacity(),
+                &mut water.pressure,
+                known.map(|k| k.total()),
+                pending,
+            )
+        };
     }
     Ok(())
+}
+
+/// The mesh that the pressures belong to, and these; nothing if there are none.
+fn former(state: &mut State, scratch: &Scratch) -> Result<Option<(Former, PoreState)>, StepError> {
+    let Some(Fluid::Pores(old)) = state.fluid.take() else { return Ok(None) };
+    let current = |m: &&Made| m.at_step == old.made_at_step && m.recipe == old.recipe;
+    let former = match scratch.made.as_ref().filter(current) {
+        Some(made) => Former { triangulation: made.mesh.triangulation.clone(), node: made.mesh.node.clone() },
+        None => {
+            let packing =
+                Packing { cell: &old.mesh_cell, position: &old.mesh_position, radius: &state.grains.radius };
+            let recipe = &old.recipe;
+            let mesh = Mesh::new(packing, &recipe.walls, recipe.conductance, recipe.viscosity)
+                .map_err(|error| StepError::Fluid(format!("the pores cannot be meshed: {error}")))?;
+            Former { triangulation: mesh.triangulation, node: mesh.node }
+        }
+    };
+    Ok(Some((former, old)))
 }
 
 /// Makes the mesh that the state asks for, unless it is there already and need not be made `afresh`.
@@ -213,8 +276,15 @@ fn make(
     if recipe.coupling == Coupling::Geometric {
         geometric::couple(&mut mesh, packing, &recipe.walls, recipe.conductance);
     }
-    let system = System::new(&mesh, pores.solver.method(), pores.residual, EXPECTED_SOLVES)
-        .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
+    let (method, residual) = (pores.solver.method(), pores.residual);
+    let system = match (recipe.bulk_modulus, &water.store) {
+        (Some(bulk_modulus), Some(store)) => {
+            let capacity = store::capacity(&mesh, bulk_modulus);
+            System::storing(&mesh, method, residual, EXPECTED_SOLVES, capacity, store.interval)
+        }
+        _ => System::new(&mesh, method, residual, EXPECTED_SOLVES),
+    }
+    .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
     scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, system });
     Ok(())
 }
@@ -264,10 +334,14 @@ pub fn advance(
     if state.pores().is_some_and(|water| water.implicit.is_some()) {
         foreseen.foresee(loads, state, model, mesh, dt);
     }
+    // Explicit steps answer the motion of the step before, implicit ones that of this step.
+    let last = state.dt;
     let State { grains, domain, fluid: Some(Fluid::Pores(water)), .. } = state else { return Ok(None) };
+    let implicit = water.implicit.is_some();
+    let interval = if implicit { dt } else { last };
     // Pressures vary smoothly from step to step: start from where they were heading.
     // Implicit steps are too long for more than a straight line.
-    let bend = if water.implicit.is_some() { 0.0 } else { 1.0 };
+    let bend = if implicit { 0.0 } else { 1.0 };
     let [before, earlier] = &mut water.before;
     for ((now, before), earlier) in water.pressure.iter_mut().zip(before).zip(earlier) {
         let ahead = 2.0 * *now - *before + bend * (*now - 2.0 * *before + *earlier);
@@ -276,9 +350,22 @@ pub fn advance(
     let time = state.time - model.stage_start;
     mesh.hold(|face, x| imposed(&model.faces[face].water, x, time), &mut water.pressure)
         .map_err(|place| no_value(place, time))?;
-    let sources = if water.implicit.is_some() { foreseen.sources() } else { &mut carried.source };
+    let sources = if implicit { foreseen.sources() } else { &mut carried.source };
     inflow(mesh, &model.faces, time, sources).map_err(|place| no_value(place, time))?;
     let pressure = &mut water.pressure;
+    let failed = |error| cannot_solve(error, mesh, grains);
+    if let Some(store) = &mut water.store {
+        if interval == 0.0 {
+            // Nothing has moved yet: what the nodes hold says their pressure.
+            return Ok(Some(Report { implicit, ..Report::default() }));
+        }
+        store.give(interval, sources);
+        if implicit {
+            system.set_interval(mesh, interval).map_err(failed)?;
+        } else {
+            system.step_over(mesh, interval, &mut store.interval).map_err(failed)?;
+        }
+    }
     let info = match &mut water.implicit {
         None => {
             mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, carried);
@@ -286,13 +373,17 @@ pub fn advance(
         }
         Some(memory) => foreseen.solve(system, mesh, grains, pores.implicit_residual, memory, pressure),
     }
-    .map_err(|error| cannot_solve(error, mesh, grains))?;
-    let implicit = water.implicit.is_some();
-    let audit = state.step.is_multiple_of(budget::EVERY).then(|| {
+    .map_err(failed)?;
+    let look = state.step.is_multiple_of(budget::EVERY);
+    let audit = (look || water.store.is_some()).then(|| {
         let carried = if implicit { foreseen.carried(mesh, grains, pressure) } else { carried };
-        let void = mesh.volume.iter().sum::<f64>() - grains.volume();
-        Audit::of(mesh, carried, pressure, grains.len(), void)
+        if let Some(store) = &mut water.store {
+            store.take(mesh, system.capacity(), pressure, interval, carried);
+        }
+        let void = mesh.void.iter().sum();
+        look.then(|| Audit::of(mesh, carried, pressure, grains.len(), void))
     });
+    let audit = audit.flatten();
     Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit, audit }))
 }
 

@@ -70,6 +70,7 @@ impl Case {
             Some(StageWater::Other(liquid)) => self.fluid.clone().map(|mut fluid| {
                 fluid.viscosity = liquid.viscosity.unwrap_or(fluid.viscosity);
                 fluid.density = liquid.density.unwrap_or(fluid.density);
+                fluid.bulk_modulus = liquid.bulk_modulus.or(fluid.bulk_modulus);
                 fluid.flow = liquid.flow.clone().unwrap_or(fluid.flow);
                 fluid
             }),

@@ -48,12 +48,6 @@ impl Case {
             self.number("fluid.density", fluid.density, Range::Positive)?;
             self.optional("fluid.bulk-modulus", fluid.bulk_modulus, Range::Positive)?;
             self.flow("fluid.flow", &fluid.flow)?;
-            if fluid.bulk_modulus.is_some() && matches!(fluid.flow, Flow::Pores(_)) {
-                return Err(self
-                    .source
-                    .fault("fluid.bulk-modulus", "the water of the pores is incompressible")
-                    .hint("leave `bulk-modulus` out, or compute the flow on a grid: flow = { darcy = {} }"));
-            }
         }
         self.check_discs()?;
         self.signals("gravity", &self.gravity)?;
@@ -133,6 +127,7 @@ impl Case {
                 Some(StageWater::Other(liquid)) => {
                     self.optional(&at("fluid.viscosity"), liquid.viscosity, Range::Positive)?;
                     self.optional(&at("fluid.density"), liquid.density, Range::Positive)?;
+                    self.optional(&at("fluid.bulk-modulus"), liquid.bulk_modulus, Range::Positive)?;
                     if let Some(flow) = &liquid.flow {
                         self.flow(&at("fluid.flow"), flow)?;
                     }

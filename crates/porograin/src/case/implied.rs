@@ -1,7 +1,7 @@
 //! What the numbers of a case imply, before anything is simulated. Estimates, each with its formula.
 
 use super::{Case, CaseError, Plan};
-use crate::boundary::{Signal, Solid};
+use crate::boundary::{Signal, Solid, Water};
 use crate::darcy;
 use crate::fluid;
 use crate::model::{Flow, Model, TimeStep};
@@ -75,6 +75,8 @@ pub struct ImpliedWater {
     pub shortens: f64,
     /// Whether its steps will be implicit, by that estimate or by the case.
     pub implicit: bool,
+    /// Whether no pressure is given anywhere and the water is incompressible, so that pressures count from their mean.
+    pub free_level: bool,
 }
 
 impl Case {
@@ -136,6 +138,8 @@ impl Case {
                         consolidation: 0.25 * height * height * fluid.viscosity
                             / (permeability * young / 4.0),
                         shortens,
+                        free_level: fluid.bulk_modulus.is_none()
+                            && !model.faces.iter().any(|face| matches!(face.water, Water::Pressure(_))),
                         implicit: match &fluid.flow {
                             Flow::Pores(pores) => match pores.step {
                                 Stepping::Auto => shortens > fluid::PAYS,

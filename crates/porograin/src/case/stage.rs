@@ -65,6 +65,8 @@ pub struct Liquid {
     pub viscosity: Option<f64>,
     /// [kg/m³]
     pub density: Option<f64>,
+    /// Bulk modulus [Pa].
+    pub bulk_modulus: Option<f64>,
     /// How its flow is computed.
     pub flow: Option<Flow>,
 }

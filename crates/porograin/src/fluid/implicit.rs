@@ -118,7 +118,7 @@ impl Foreseen {
     }
 
     /// What moves out of the nodes with the velocities that the pressures just found lead to.
-    pub fn carried(&mut self, mesh: &Mesh, grains: &Grains, pressure: &[f64]) -> &Carried {
+    pub fn carried(&mut self, mesh: &Mesh, grains: &Grains, pressure: &[f64]) -> &mut Carried {
         let Foreseen { velocities, walls, pushed, kick, carried, room, .. } = self;
         let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6] };
         let held = |face: usize| velocities.wall[face].length() >= walls[face].limit;

@@ -116,6 +116,8 @@ pub fn prepare(
     }
     system.prepared_for = memory.prepared_for;
     system.solver.params_mut().tolerance = residual;
+    // Loads act on velocities for as long as the step is, or nearly so.
+    let stored = system.stored(memory.prepared_for);
     let mut extra = vec![0.0; system.rhs.len()];
     for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
         let Some(sum) = extra.get_mut(system.unknown[mesh.node[pore] as usize] as usize) else { continue };
@@ -127,7 +129,7 @@ pub fn prepare(
             }
         }
     }
-    extra.iter_mut().for_each(|e| *e *= DIAGONAL * memory.prepared_for);
+    extra.iter_mut().zip(stored).for_each(|(e, stored)| *e = *e * DIAGONAL * memory.prepared_for + stored);
     let mut shifted = system.matrix.clone();
     shifted.refresh(&mesh.conductance, &extra)?;
     system.solver.refresh(&shifted)

@@ -69,6 +69,8 @@ pub struct Mesh {
     pub volume: Vec<f64>,
     /// The node of each pore.
     pub node: Vec<u32>,
+    /// Void volume of each node when the mesh was made, half of that of its throats [m³]; they sum to the void.
+    pub void: Vec<f64>,
     /// Whether the pressure is imposed at each face of the box.
     pub open: [bool; 6],
     /// The face that holds the pressure of each node, or [`FREE`].
@@ -144,6 +146,7 @@ impl Mesh {
                 Part {
                     conductance: conductance.of(&passage, viscosity),
                     clamped: conductance.clamps(&passage),
+                    void: shape.void,
                     coincide: between.length() < COINCIDENT * mean_radius(packing, throat.vertices),
                     force: coupled.force,
                     torque: coupled.torque,
@@ -200,6 +203,7 @@ impl Mesh {
                 .into_par_iter()
                 .map(|pore| pore_volume(packing, &triangulation, pore))
                 .collect(),
+            void: vec![0.0; held.len()],
             node,
             open: walls.open,
             holds: Vec::new(),
@@ -238,6 +242,7 @@ impl Mesh {
             closing[i] += part.area;
             closing[j] -= part.area;
             let nodes = throat.pores.map(|p| mesh.node[p as usize]);
+            nodes.iter().for_each(|&node| mesh.void[node as usize] += 0.5 * part.void);
             let mut away = [0; 3];
             if let Some(images) = &mut mesh.images {
                 away = between(throat.shift, images.frame[i], images.frame[j]);
@@ -441,6 +446,7 @@ pub struct Carried {
 struct Part {
     conductance: f64,
     clamped: bool,
+    void: f64,
     coincide: bool,
     force: [DVec3; 3],
     torque: [DVec3; 3],

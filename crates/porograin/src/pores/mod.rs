@@ -1,5 +1,6 @@
 //! Water pore by pore: the pore-scale finite volume method (Catalano ch. 3; coupling of `physics` §3b).
 
+pub mod carry;
 pub mod conductance;
 pub mod coupling;
 pub mod geometric;
@@ -7,12 +8,14 @@ pub mod images;
 pub mod implicit;
 pub mod mesh;
 pub mod pressure;
+pub mod store;
 pub mod viscous;
 
 pub use conductance::Conductance;
 pub use implicit::Memory;
 pub use mesh::{Census, Mesh, Walls};
 pub use pressure::System;
+pub use store::Store;
 
 use glam::DVec3;
 use porograin_geometry::Cell;
@@ -130,6 +133,8 @@ pub struct Recipe {
     pub coupling: Coupling,
     /// [Pa s]
     pub viscosity: f64,
+    /// Bulk modulus of the water [Pa]; `None`: incompressible.
+    pub bulk_modulus: Option<f64>,
 }
 
 /// What a restart needs of the water: the mesh is made again from the grains as they were when it was made.
@@ -147,6 +152,8 @@ pub struct PoreState {
     pub viscous_rate: f64,
     /// What an implicit step keeps; `None` while steps are explicit.
     pub implicit: Option<Memory>,
+    /// What compressible water keeps; `None` where it is incompressible.
+    pub store: Option<Store>,
     /// Excess pressure of each node [Pa].
     pub pressure: Vec<f64>,
     /// The same one and two steps before [Pa]: where the next solve starts from.

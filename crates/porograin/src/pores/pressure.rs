@@ -16,6 +16,10 @@ pub struct System {
     /// No face holds a pressure: one node is held at zero for the solve, then the mean is taken out.
     pinned: bool,
     pub(super) unknown: Vec<u32>,
+    /// `V_f / K_f` of each node [m³/Pa]; empty where the water is incompressible.
+    pub(super) capacity: Vec<f64>,
+    /// The interval of the storage in the matrix [s].
+    interval: f64,
     /// What the preconditioner was made for: implicit steps of this kick, or zero for `G` itself [s].
     pub(super) prepared_for: f64,
 }
@@ -26,7 +30,23 @@ impl System {
     /// # Errors
     /// [`Error::Singular`] if some pores are cut off from all others, [`Error::Memory`].
     pub fn new(mesh: &Mesh, method: Method, residual: f64, expected_solves: usize) -> Result<System, Error> {
-        let pinned = mesh.unknowns == mesh.nodes();
+        System::storing(mesh, method, residual, expected_solves, Vec::new(), f64::INFINITY)
+    }
+
+    /// The same of compressible water: `capacity` is `V_f / K_f` of each node [m³/Pa] and `interval` the length of the steps
+    /// to prepare for [s]. The matrix is `G + C / interval`.
+    ///
+    /// # Errors
+    /// Those of [`System::new`].
+    pub fn storing(
+        mesh: &Mesh,
+        method: Method,
+        residual: f64,
+        expected_solves: usize,
+        capacity: Vec<f64>,
+        interval: f64,
+    ) -> Result<System, Error> {
+        let pinned = mesh.unknowns == mesh.nodes() && capacity.is_empty();
         let mut unknown = mesh.unknown.clone();
         if pinned && !unknown.is_empty() {
             unknown[0] = FIXED;
@@ -34,7 +54,8 @@ impl System {
         }
         let unknowns = mesh.unknowns - usize::from(pinned && !unknown.is_empty());
         let ends: Vec<[u32; 2]> = mesh.links.iter().map(|link| link.map(|n| unknown[n as usize])).collect();
-        let matrix = Matrix::new(unknowns, &ends, &mesh.conductance, &vec![0.0; unknowns])?;
+        let stored = stored(&capacity, &unknown, unknowns, interval);
+        let matrix = Matrix::new(unknowns, &ends, &mesh.conductance, &stored)?;
         let mut position = vec![glam::DVec3::ZERO; unknowns];
         for (pore, &node) in mesh.node.iter().enumerate() {
             if let Some(place) = position.get_mut(unknown[node as usize] as usize) {
@@ -53,8 +74,49 @@ impl System {
             free: vec![0.0; unknowns],
             pinned,
             unknown,
+            capacity,
+            interval,
             prepared_for: 0.0,
         })
+    }
+
+    /// `V_f / K_f` of each node [m³/Pa]; empty where the water is incompressible.
+    pub fn capacity(&self) -> &[f64] {
+        &self.capacity
+    }
+
+    /// What storage over `interval` [s] adds to the diagonal of the matrix [m³/(Pa s)].
+    pub(super) fn stored(&self, interval: f64) -> Vec<f64> {
+        stored(&self.capacity, &self.unknown, self.rhs.len(), interval)
+    }
+
+    /// Sets the length of the step to solve for [s]; compressible water only. The preconditioner serves steps half or twice as
+    /// long as those it was `prepared` for, and is made again for others.
+    ///
+    /// # Errors
+    /// Those of the solver.
+    pub fn step_over(&mut self, mesh: &Mesh, interval: f64, prepared: &mut f64) -> Result<(), Error> {
+        if !(0.5 * *prepared..=2.0 * *prepared).contains(&interval) {
+            *prepared = interval;
+            let stored = self.stored(interval);
+            self.matrix.refresh(&mesh.conductance, &stored)?;
+            self.interval = interval;
+            return self.solver.refresh(&self.matrix);
+        }
+        self.set_interval(mesh, interval)
+    }
+
+    /// Sets the length of the step in the matrix, not in the preconditioner [s]; nothing where the water is incompressible.
+    ///
+    /// # Errors
+    /// Those of the matrix.
+    pub fn set_interval(&mut self, mesh: &Mesh, interval: f64) -> Result<(), Error> {
+        if interval == self.interval || self.capacity.is_empty() {
+            return Ok(());
+        }
+        let stored = self.stored(interval);
+        self.interval = interval;
+        self.matrix.refresh(&mesh.conductance, &stored)
     }
 
     /// Solves for the pressures of the nodes.
@@ -116,10 +178,26 @@ impl System {
         pressure.iter_mut().for_each(|p| *p -= sum / volume);
     }
 
+    /// Whether the level of the pressures is free: their mean is then set to zero.
+    pub fn free_level(&self) -> bool {
+        self.pinned
+    }
+
     /// Bytes, entries and seconds of the set-up.
     pub fn setup(&self) -> porograin_linear::Setup {
         self.solver.setup()
     }
+}
+
+/// What storage adds to the diagonal of each unknown [m³/(Pa s)].
+fn stored(capacity: &[f64], unknown: &[u32], unknowns: usize, interval: f64) -> Vec<f64> {
+    let mut stored = vec![0.0; unknowns];
+    for (&capacity, &unknown) in capacity.iter().zip(unknown) {
+        if unknown != FIXED {
+            stored[unknown as usize] = capacity / interval;
+        }
+    }
+    stored
 }
 
 impl std::fmt::Debug for System {
