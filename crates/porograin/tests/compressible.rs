@@ -122,6 +122,7 @@ fn pressure_diffuses_through_a_rigid_sample_as_theory_says() {
             sides: porograin::Slip::Symmetry,
             viscosity: 1e-3,
             conductance: pores.conductance,
+            coupling: pores.coupling,
             solver: pores.solver,
             residual: 1e-10,
         };
