@@ -48,6 +48,7 @@ fn model(viscosity: f64, bulk_modulus: Option<f64>, stepping: Stepping, strain: 
         damping: 0.0,
         faces: Default::default(),
         cell: Default::default(),
+        walls: Vec::new(),
         fluid: Some(FluidModel { viscosity, density: 1000.0, bulk_modulus, flow: Flow::Pores(pores) }),
         stage_start: 0.0,
     }
