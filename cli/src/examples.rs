@@ -25,6 +25,17 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "02-nine-spheres",
+        about: "water flows through eight spheres in a cube and a ninth between them: forces against Catalano (2012)",
+        files: &[
+            ("case.toml", include_str!("../../examples/02-nine-spheres/case.toml")),
+            ("eight.csv", include_str!("../../examples/02-nine-spheres/eight.csv")),
+            ("nine.csv", include_str!("../../examples/02-nine-spheres/nine.csv")),
+            ("README.md", include_str!("../../examples/02-nine-spheres/README.md")),
+            ("nine-spheres.svg", include_str!("../../examples/02-nine-spheres/nine-spheres.svg")),
+        ],
+    },
+    Example {
         name: "05-viscous-oedometer",
         about: "the same in water so thick that steps must be implicit (case.toml, quick.toml)",
         files: &[
