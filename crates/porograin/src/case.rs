@@ -158,6 +158,8 @@ pub struct Cloud {
     /// The same number gives the same cloud.
     #[serde(default)]
     pub seed: u64,
+    /// Low and high corner of the part of the box that it fills [m]; left out: all of it.
+    pub within: Option<[[f64; 3]; 2]>,
 }
 
 impl Cloud {

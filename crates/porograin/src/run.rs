@@ -18,6 +18,7 @@ use crate::stability;
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
 use crate::trouble::{self, Action, Trouble};
+use crate::walls::motion;
 use crate::watch::Snapshot;
 use std::fmt;
 use std::io;
@@ -341,6 +342,13 @@ impl Simulation {
         for (k, face) in self.model.faces.iter().enumerate() {
             if let Solid::Servo { stress, .. } = &face.solid {
                 compare(stresses[k], stress.at(t), &|| format!("on the {} wall", FACE_NAMES[k]));
+            }
+        }
+        for (wall, place) in self.model.walls.iter().zip(&self.state.domain.walls) {
+            if let (Some(asked), Some((_, along))) =
+                (motion::asked(wall, t), motion::servoed(wall, &self.state))
+            {
+                compare(-place.force.dot(along), asked, &|| format!("on the wall `{}`", wall.name));
             }
         }
         let mut held = self.model.cell.stress.given().peekable();

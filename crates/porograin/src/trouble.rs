@@ -90,6 +90,17 @@ pub enum Trouble {
         /// When.
         time: f64,
     },
+    /// A servoed wall that the case adds did not reach its force.
+    Push {
+        /// Its name.
+        wall: Arc<str>,
+        /// What was asked [N].
+        asked: f64,
+        /// What it is [N].
+        force: f64,
+        /// When.
+        time: f64,
+    },
 }
 
 /// Number of kinds of trouble.
@@ -113,7 +124,7 @@ impl Trouble {
             Trouble::Outside { .. } => 0,
             Trouble::DeepOverlap { .. } => 1,
             Trouble::LongStep { .. } => 2,
-            Trouble::Servo { .. } => 3,
+            Trouble::Servo { .. } | Trouble::Push { .. } => 3,
         }
     }
 
@@ -123,7 +134,7 @@ impl Trouble {
             Trouble::Outside { .. } => on.outside,
             Trouble::DeepOverlap { .. } => on.deep_overlap,
             Trouble::LongStep { .. } => on.long_step,
-            Trouble::Servo { .. } => on.servo,
+            Trouble::Servo { .. } | Trouble::Push { .. } => on.servo,
         }
     }
 }
@@ -162,6 +173,11 @@ impl fmt::Display for Trouble {
                 "the stress on the {} wall is {stress:.3e} Pa at t = {time:.6e} s, asked {asked:.3e} Pa: the stage was too \
                  short or the speed of the wall too small, or the grains cannot carry that stress",
                 FACE_NAMES[*face]
+            ),
+            Trouble::Push { wall, asked, force, time } => write!(
+                f,
+                "the force on the wall `{wall}` is {force:.3e} N at t = {time:.6e} s, asked {asked:.3e} N: the stage was too \
+                 short or the speed of the wall too small, or the grains cannot carry that force"
             ),
         }
     }
@@ -202,6 +218,15 @@ pub fn servos(state: &State, model: &Model, found: &mut Vec<Trouble>) {
             let asked = stress.at(state.time - model.stage_start);
             if (stresses[face] - asked).abs() > SERVO_ERROR * asked.abs() {
                 found.push(Trouble::Servo { face, asked, stress: stresses[face], time: state.time });
+            }
+        }
+    }
+    for (wall, place) in model.walls.iter().zip(&state.domain.walls) {
+        let asked = walls::motion::asked(wall, state.time - model.stage_start);
+        if let (Some(asked), Some((_, along))) = (asked, walls::motion::servoed(wall, state)) {
+            let force = -place.force.dot(along);
+            if (force - asked).abs() > SERVO_ERROR * asked.abs() {
+                found.push(Trouble::Push { wall: wall.name.clone(), asked, force, time: state.time });
             }
         }
     }

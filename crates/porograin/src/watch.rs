@@ -10,6 +10,7 @@ use crate::pores::Mesh;
 use crate::progress::Began;
 use crate::state::State;
 use crate::step::Report;
+use crate::walls::Place;
 use serde::{Deserialize, Serialize};
 
 /// When to do something again and again.
@@ -61,6 +62,8 @@ pub enum Measure {
     Unbalanced,
     /// Normal stress on each face, grains and water together.
     FaceStress,
+    /// Force of the grains on each wall that the case adds, and its moment about the wall's centre.
+    WallForce,
     /// Mean stress carried by the contacts.
     Stress,
     /// All nine components of it.
@@ -96,7 +99,7 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 21] = [
+    pub const ALL: [Measure; 22] = [
         Measure::Porosity,
         Measure::Grading,
         Measure::Size,
@@ -104,6 +107,7 @@ impl Measure {
         Measure::Surface,
         Measure::Unbalanced,
         Measure::FaceStress,
+        Measure::WallForce,
         Measure::Stress,
         Measure::StressTensor,
         Measure::CellStrain,
@@ -145,6 +149,9 @@ impl Measure {
             Measure::FaceStress => {
                 "normal stress on each face, grains and water together, compression positive"
             }
+            Measure::WallForce => {
+                "force of the grains on each wall that the case adds, and its moment about the wall's centre"
+            }
             Measure::Stress => "mean stress carried by the contacts along x, y, z, compression positive",
             Measure::StressTensor => {
                 "mean stress carried by the contacts: force along the first letter on what lies further along the second"
@@ -173,8 +180,8 @@ impl Measure {
         matches!(self, Measure::Pressure | Measure::PressureProfile | Measure::Outflow)
     }
 
-    /// Heads of its columns, with units.
-    pub fn columns(self) -> Vec<String> {
+    /// Heads of its columns, with units; `walls` are the names of those the case adds.
+    pub fn columns(self, walls: &[String]) -> Vec<String> {
         let faces = |name: &str, unit: &str| -> Vec<String> {
             crate::boundary::FACE_NAMES.iter().map(|face| format!("{name}_{face} [{unit}]")).collect()
         };
@@ -187,6 +194,15 @@ impl Measure {
             Measure::Surface => list(&["surface [m]"]),
             Measure::Unbalanced => list(&["unbalanced [-]"]),
             Measure::FaceStress => faces("stress", "Pa"),
+            Measure::WallForce => {
+                let of = |wall: &String| {
+                    let name = |kind: &str, unit: &str| {
+                        ["x", "y", "z"].map(|c| format!("{kind}_{c}_{wall} [{unit}]"))
+                    };
+                    [name("force", "N"), name("moment", "N m")].concat()
+                };
+                walls.iter().flat_map(of).collect()
+            }
             Measure::Deviator => list(&["mean_stress [Pa]", "deviator [Pa]"]),
             Measure::Compression => list(&[
                 "compression_x [-]",
@@ -258,6 +274,10 @@ impl Measure {
             }
             Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
             Measure::FaceStress => measure::wall_stress(domain).to_vec(),
+            Measure::WallForce => {
+                let of = |place: &Place| [place.force.to_array(), place.moment.to_array()].concat();
+                domain.walls.iter().flat_map(of).collect()
+            }
             Measure::Deviator => measure::invariants(measure::contact_stress(now.state, now.model)).to_vec(),
             Measure::Compression => measure::compression(now.began.edges, domain.cell.edges).to_vec(),
             Measure::Fabric => measure::fabric(now.state, now.model).transpose().to_cols_array().to_vec(),

@@ -194,12 +194,28 @@ impl Case {
         }
     }
 
+    /// The cell, or the part of it that a cloud fills.
+    fn part_of_cell(&self, cloud: &Cloud) -> Cell {
+        let (cell, (lower, upper)) = (self.cell(), self.corners());
+        let Some([low, high]) = cloud.within.map(|corners| corners.map(DVec3::from_array)) else {
+            return cell;
+        };
+        let whole = |axis: usize| low[axis] == lower[axis] && high[axis] == upper[axis];
+        Cell { periodic: [0, 1, 2].map(|axis| cell.periodic[axis] && whole(axis)), ..Cell::walled(low, high) }
+    }
+
     fn make_cloud(&self, cloud: &Cloud) -> Result<Grains, CaseError> {
         let Some(amount) = cloud.amount() else {
             return Err(self.source.fault("grains.packing.cloud", "the cloud has no count and no sizes"));
         };
-        packing::graded_cloud(&self.cell(), &cloud.grading(), amount, cloud.seed, self.grains.density)
-            .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
+        packing::graded_cloud(
+            &self.part_of_cell(cloud),
+            &cloud.grading(),
+            amount,
+            cloud.seed,
+            self.grains.density,
+        )
+        .map_err(|e| self.source.fault("grains.packing.cloud", e.to_string()))
     }
 }
 

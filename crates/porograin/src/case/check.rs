@@ -7,6 +7,7 @@ use crate::darcy::{Cells, Darcy, Permeability, Transfer};
 use crate::model::{Flow, TimeStep};
 use crate::output::plot;
 use crate::pores::{Conductance, Coupling, Stepping};
+use crate::walls::Motion;
 use crate::watch::Every;
 
 /// A range a number has to be in.
@@ -181,7 +182,8 @@ impl Case {
         let servo = |face: &crate::boundary::Face| matches!(face.solid, Solid::Servo { .. });
         let model = self.model(k, 0.0);
         let held = model.cell.stress.given().next().is_some();
-        if until.stress_error.is_some() && !held && !model.faces.iter().any(servo) {
+        let pushed = model.walls.iter().any(|wall| matches!(wall.motion, Motion::Servo { .. }));
+        if until.stress_error.is_some() && !held && !pushed && !model.faces.iter().any(servo) {
             return self.refuse(
                 &at("stress-error"),
                 format!("the stage `{name}` waits for the stress of servo walls, but no face has one"),
@@ -250,7 +252,7 @@ impl Case {
     }
 
     fn plots(&self) -> Result<(), CaseError> {
-        let columns = plot::columns(&self.watch);
+        let columns = plot::columns(&self.watch, &self.wall_names());
         let known = |path: &str, word: &str, noun: &str, all: &[&str]| {
             if all.contains(&word) {
                 return Ok(());

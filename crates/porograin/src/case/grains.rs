@@ -23,6 +23,24 @@ impl Case {
         if cloud.count == Some(0) {
             return self.refuse(&at("count"), "a cloud of 0 grains has nothing to simulate");
         }
+        if let Some([lower, upper]) = cloud.within {
+            let (low, high) = self.corners();
+            for axis in 0..3 {
+                let inside =
+                    low[axis] <= lower[axis] && lower[axis] < upper[axis] && upper[axis] <= high[axis];
+                if !inside {
+                    let sentence = format!(
+                        "`within` must be a part of the box: along {} it goes from {} to {} m, the box from {} to {} m",
+                        ["x", "y", "z"][axis],
+                        lower[axis],
+                        upper[axis],
+                        low[axis],
+                        high[axis]
+                    );
+                    return self.refuse(&at("within"), sentence);
+                }
+            }
+        }
         self.optional(&at("spread"), cloud.spread, Range::Part)?;
         self.optional(&at("radius"), cloud.radius, Range::Positive)?;
         if let Some(porosity) = cloud.porosity

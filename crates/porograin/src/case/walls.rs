@@ -141,6 +141,11 @@ impl Case {
         all
     }
 
+    /// Their names, in order.
+    pub fn wall_names(&self) -> Vec<String> {
+        self.wall.iter().map(|wall| wall.name.clone()).collect()
+    }
+
     /// The files that the walls are read from, as the case names them and where they are.
     pub fn wall_files(&self) -> impl Iterator<Item = (&str, PathBuf)> {
         self.wall.iter().filter_map(|wall| match &wall.shape {

@@ -22,6 +22,8 @@ pub struct Folder {
     case_text: String,
     watches: Vec<Watch>,
     measures: Vec<Measure>,
+    /// Names of the walls that the case adds.
+    walls: Vec<String>,
     vtk: Option<Every>,
     plots: Vec<Plot>,
     history: Table,
@@ -57,6 +59,8 @@ pub struct Frame {
     pub pores: bool,
     /// Whether it has the grid of coarse water.
     pub grid: bool,
+    /// Whether it has walls that the case adds.
+    pub walls: bool,
 }
 
 /// Why a folder cannot be used: one sentence.
@@ -93,7 +97,8 @@ impl Folder {
             fs::copy(found, path.join(name)).map_err(failed)?;
         }
         let measures = measures(&case.watch);
-        let history = Table::create(&path.join("history.csv"), &heads(&measures)).map_err(failed)?;
+        let history = Table::create(&path.join("history.csv"), &heads(&measures, &case.wall_names()))
+            .map_err(failed)?;
         let written =
             Written { history: history.length(), rows: vec![None; case.watch.len()], ..Written::default() };
         Ok(Folder {
@@ -101,6 +106,7 @@ impl Folder {
             case_text,
             watches: case.watch.clone(),
             measures,
+            walls: case.wall_names(),
             vtk: case.output.vtk,
             plots: case.plot.clone(),
             history,
@@ -135,6 +141,7 @@ impl Folder {
             path: path.to_owned(),
             case_text,
             measures: measures(&case.watch),
+            walls: case.wall_names(),
             watches: case.watch.clone(),
             vtk: case.output.vtk,
             plots: case.plot.clone(),
@@ -170,7 +177,7 @@ impl Folder {
         if !due.is_empty() {
             let mut cells = vec![Some(step as f64), Some(time)];
             for measure in &self.measures {
-                let columns = measure.columns().len();
+                let columns = measure.columns(&self.walls).len();
                 match measure.evaluate(now).filter(|_| due.contains(measure)) {
                     Some(values) => cells.extend(values.into_iter().map(Some)),
                     None => cells.extend(vec![None; columns]),
@@ -245,12 +252,21 @@ impl Folder {
         };
         put(Kind::Grains, frame::grains(now))?;
         let (pores, grid) = (frame::pores(now), frame::grid(now));
-        let frame = Frame { time: now.state.time, pores: pores.is_some(), grid: grid.is_some() };
+        let walls = frame::walls(now);
+        let frame = Frame {
+            time: now.state.time,
+            pores: pores.is_some(),
+            grid: grid.is_some(),
+            walls: walls.is_some(),
+        };
         if let Some(mesh) = pores {
             put(Kind::Pores, vtk::mesh(&mesh))?;
         }
         if let Some(mesh) = grid {
             put(Kind::Grid, vtk::mesh(&mesh))?;
+        }
+        if let Some(bytes) = walls {
+            put(Kind::Walls, bytes)?;
         }
         self.written.frames.push(frame);
         self.write_series().map_err(|e| (self.path.join("vtk"), e))
@@ -292,7 +308,7 @@ impl Folder {
 }
 
 /// All series of frames.
-const KINDS: [Kind; 3] = [Kind::Grains, Kind::Pores, Kind::Grid];
+const KINDS: [Kind; 4] = [Kind::Grains, Kind::Pores, Kind::Grid, Kind::Walls];
 
 /// The state at the last checkpoint of the run in the folder `path`; nothing is changed there.
 ///
@@ -314,6 +330,7 @@ enum Kind {
     Grains,
     Pores,
     Grid,
+    Walls,
 }
 
 impl Kind {
@@ -322,6 +339,7 @@ impl Kind {
             Kind::Grains => ("grains_", ".vtp"),
             Kind::Pores => ("pores_", ".vtu"),
             Kind::Grid => ("grid_", ".vtu"),
+            Kind::Walls => ("walls_", ".vtp"),
         }
     }
 
@@ -330,6 +348,7 @@ impl Kind {
             Kind::Grains => true,
             Kind::Pores => frame.pores,
             Kind::Grid => frame.grid,
+            Kind::Walls => frame.walls,
         }
     }
 
@@ -350,6 +369,7 @@ impl Kind {
             Kind::Grains => "grains.pvd",
             Kind::Pores => "pores.pvd",
             Kind::Grid => "grid.pvd",
+            Kind::Walls => "walls.pvd",
         }
     }
 }
@@ -367,7 +387,7 @@ fn measures(watches: &[Watch]) -> Vec<Measure> {
     all
 }
 
-fn heads(measures: &[Measure]) -> Vec<String> {
+fn heads(measures: &[Measure], walls: &[String]) -> Vec<String> {
     let first = ["stage", "step [-]", "time [s]"].map(str::to_owned);
-    first.into_iter().chain(measures.iter().flat_map(|m| m.columns())).collect()
+    first.into_iter().chain(measures.iter().flat_map(|m| m.columns(walls))).collect()
 }

@@ -47,6 +47,33 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     )
 }
 
+/// The walls that the case adds, where they are now; `None` when there are none.
+pub fn walls(now: &Snapshot) -> Option<Vec<u8>> {
+    let (walls, domain) = (&now.model.walls, &now.state.domain);
+    let middle = 0.5 * (domain.cell.origin + domain.cell.upper());
+    let extent = middle.distance(domain.cell.origin);
+    let (mut triangles, mut number, mut velocity) = (Vec::new(), Vec::new(), Vec::new());
+    for (k, (wall, place)) in walls.iter().zip(&domain.walls).enumerate().filter(|(_, w)| w.0.present) {
+        let centre = place.forth(wall.shape.centre());
+        for corners in wall.shape.drawn(place.back(middle), extent) {
+            let corners = corners.map(|x| place.forth(x));
+            let x = corners.iter().sum::<DVec3>() / 3.0;
+            triangles.push(corners);
+            number.push(k as u32);
+            velocity.push(place.velocity + place.spin.cross(x - centre));
+        }
+    }
+    (!walls.is_empty()).then(|| {
+        vtk::surface(
+            &triangles,
+            &[
+                Field { name: "wall", values: Values::Integers(&number) },
+                Field { name: "velocity [m/s]", values: Values::Vectors(&velocity) },
+            ],
+        )
+    })
+}
+
 /// The symmetric part as xx, yy, zz, xy, yz, xz.
 fn symmetric(s: DMat3) -> [f64; 6] {
     let (x, y, z) = (s.x_axis, s.y_axis, s.z_axis);

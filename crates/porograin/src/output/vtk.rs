@@ -73,6 +73,29 @@ pub fn points(position: &[DVec3], fields: &[Field]) -> Vec<u8> {
     file.finish(xml)
 }
 
+/// The bytes of a `.vtp` file with triangles, and fields on them.
+pub fn surface(triangles: &[[DVec3; 3]], fields: &[Field]) -> Vec<u8> {
+    let n = triangles.len();
+    let mut file = Appended::default();
+    let mut xml = String::from(HEAD_POLY);
+    let _ = writeln!(
+        xml,
+        "<PolyData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"0\" \
+         NumberOfPolys=\"{n}\">\n<CellData>",
+        3 * n
+    );
+    for field in fields {
+        file.field(&mut xml, field);
+    }
+    xml.push_str("</CellData>\n<Points>\n");
+    file.field(&mut xml, &Field { name: "position", values: Values::Vectors(triangles.as_flattened()) });
+    xml.push_str("</Points>\n<Polys>\n");
+    file.integers(&mut xml, "connectivity", 0..3 * n as i64);
+    file.integers(&mut xml, "offsets", (1..=n as i64).map(|k| 3 * k));
+    xml.push_str("</Polys>\n</Piece>\n</PolyData>\n");
+    file.finish(xml)
+}
+
 /// The bytes of a `.vtu` file.
 pub fn mesh(pores: &PoreMesh) -> Vec<u8> {
     let mut file = Appended::default();
