@@ -1,7 +1,7 @@
 //! The faces of the domain: where they are now, what they do to grains, what they do to water.
 
 use crate::expression::Expression;
-use crate::walls::Place;
+use crate::walls::{Glue, Place};
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
 use serde::de::value::MapAccessDeserializer;
@@ -30,6 +30,8 @@ pub struct Domain {
     pub crossed: Vec<[i32; 3]>,
     /// Where the walls are that the case adds, in its order.
     pub walls: Vec<Place>,
+    /// The grains that are glued to walls.
+    pub glue: Glue,
 }
 
 impl Domain {
@@ -44,6 +46,7 @@ impl Domain {
             strain: DMat3::ZERO,
             crossed: Vec::new(),
             walls: Vec::new(),
+            glue: Glue::default(),
         }
     }
 
@@ -87,11 +90,13 @@ pub struct Face {
     pub slip: Slip,
     /// Friction angle between wall and grains [degrees].
     pub friction: f64,
+    /// Whether the grains that touch the wall when this begins stick to it.
+    pub glue: bool,
 }
 
 impl Default for Face {
     fn default() -> Self {
-        Face { solid: Solid::Fixed, water: Water::Sealed, slip: Slip::Symmetry, friction: 0.0 }
+        Face { solid: Solid::Fixed, water: Water::Sealed, slip: Slip::Symmetry, friction: 0.0, glue: false }
     }
 }
 

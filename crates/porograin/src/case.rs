@@ -236,6 +236,8 @@ pub struct FaceRule {
     pub slip: Option<Slip>,
     /// Friction angle with the grains [degrees]; at first 0.
     pub friction: Option<f64>,
+    /// Whether the grains that touch the wall when this begins stick to it; at first not.
+    pub glue: Option<bool>,
 }
 
 /// What is written besides the history.
@@ -285,6 +287,7 @@ impl FaceRule {
         }
         face.slip = self.slip.unwrap_or(face.slip);
         face.friction = self.friction.unwrap_or(face.friction);
+        face.glue = self.glue.unwrap_or(face.glue);
     }
 }
 
@@ -311,8 +314,10 @@ impl Case {
         let mut case: Case = source.read()?;
         case.source = source;
         case.folder = folder.to_owned();
-        case.check()?;
+        case.finite()?;
+        case.check_walls()?;
         case.shapes = case.make_shapes()?;
+        case.check()?;
         case.check_shapes()?;
         Ok(case)
     }

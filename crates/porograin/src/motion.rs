@@ -50,7 +50,9 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
     state.domain.wall_force = loads.wall;
     let moved = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
     state.domain.wall_velocity = std::array::from_fn(moved);
+    let before = state.domain.walls.clone();
     walls::motion::advance(state, model, &loads.walls, dt);
+    walls::glue::take_along(&state.domain, &before, &mut state.grains, dt);
     if !state.domain.is_periodic() {
         move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, |_, velocity| velocity);
         move_walls(&mut state.domain, dt);
@@ -180,7 +182,7 @@ pub fn wall_motion(
             let before = domain.wall_velocity[face].dot(outward);
             let sign = f64::from(before > 0.0) - f64::from(before < 0.0);
             let drag = model.damping * (known - asked * area).abs() * sign;
-            let mobility = kick(state, dt) / piston_mass(*mass, grains);
+            let mobility = kick(state, dt) / (piston_mass(*mass, grains) + domain.glue.mass(face, grains));
             let after = before + mobility * (load.dot(outward) - asked * area - drag);
             WallMotion { velocity: after * outward, mobility, limit }
         }

@@ -11,6 +11,7 @@ use crate::stability::{self, Limit};
 use crate::state::State;
 use crate::timers::Timers;
 use crate::trouble::Trouble;
+use crate::walls::glue;
 use glam::DVec3;
 use porograin_geometry::{Neighbours, Period};
 use std::fmt;
@@ -82,6 +83,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     timers.lap("fluid");
 
     // Move.
+    glue::bear(loads, state, model);
     motion::advance(state, model, loads, water.felt(loads), dt);
     let report = Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed };
     let report = inside(state, report)?;

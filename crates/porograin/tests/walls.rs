@@ -14,6 +14,7 @@ fn model(shapes: Vec<(Shape, Motion)>, friction: f64) -> Model {
         motion,
         friction,
         present: true,
+        glue: false,
         first: 0,
     };
     let mut walls: Vec<Wall> = shapes.into_iter().enumerate().map(wall).collect();
@@ -477,4 +478,58 @@ fn grains_among_moving_walls_give_the_same_bits_without_the_scratch() {
         state
     };
     assert_eq!(run(false), run(true));
+}
+
+/// Grains that touch a plate when the glue is switched on are one body with it; others, and all when it is off, are free.
+#[test]
+fn glued_grains_are_one_body_with_their_plate() {
+    let disc = Shape::Disc { centre: DVec3::new(0.1, 0.0, 0.0), normal: DVec3::Z, radius: 0.6 };
+    let turning =
+        Motion::Rotating { point: [0.1, 0.0, 0.0], axis: [0.0, 0.0, 1.0], rate: Signal::Constant(2.0) };
+    let mut model = model(vec![(disc, turning)], 0.0);
+    model.time_step = TimeStep::Fixed(1e-4);
+    model.walls[0].glue = true;
+    let start = vec![DVec3::new(0.4, 0.1, 0.0999), DVec3::new(-0.2, 0.0, 0.45)];
+    let mut now = state(Grains::at_rest(start.clone(), vec![0.1, 0.1], 1000.0), &model);
+    let mut work = Work::default();
+    let angle = |now: &State| 2.0 * now.time;
+    let expected = |now: &State, k: usize| {
+        let c = DVec3::new(0.1, 0.0, 0.0);
+        c + DQuat::from_rotation_z(angle(now)) * (start[k] - c)
+    };
+    while now.time < 2.0 {
+        work = if now.step % 7 == 0 { Work::default() } else { work };
+        step(&mut now, &model, &mut work).unwrap();
+    }
+    assert_eq!(now.domain.glue.grains, [[0, 6]]);
+    assert!(now.grains.position[0].distance(expected(&now, 0)) < 1e-10);
+    assert_eq!(now.grains.position[1], start[1]);
+    assert!((now.grains.spin[0] - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-12);
+    // Thrown off along the tangent once the glue is off; the plate is smooth.
+    model.walls[0].glue = false;
+    let speed = now.grains.velocity[0];
+    while now.time < 2.2 {
+        step(&mut now, &model, &mut work).unwrap();
+    }
+    assert!(now.domain.glue.is_empty());
+    assert!((now.grains.velocity[0] - speed).truncate().length() < 1e-3 * speed.length());
+
+    // A piston with a grain stuck to it is as heavy as both, and feels what pushes the grain.
+    let mut model = self::model(vec![], 0.0);
+    model.faces[4].solid =
+        porograin::Solid::Servo { stress: Signal::Constant(1.0), mass: Some(3.0), speed: Some(1e9) };
+    model.faces[4].glue = true;
+    model.gravity = DVec3::new(0.0, 0.0, -0.5);
+    model.time_step = TimeStep::Fixed(1e-3);
+    let mut now = state(one(DVec3::new(0.0, 0.0, -1.901), 0.1), &model);
+    let mass = now.grains.mass[0];
+    let mut work = Work::default();
+    for _ in 0..100 {
+        step(&mut now, &model, &mut work).unwrap();
+    }
+    // The face is 4 m square; the first step finds the velocity of half a step later.
+    let expected = (16.0 - 0.5 * mass) / (3.0 + mass) * (now.time - 0.5 * now.dt);
+    let found = now.domain.wall_velocity[4].z;
+    assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+    assert_eq!(now.grains.velocity[0].z, found);
 }

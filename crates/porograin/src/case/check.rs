@@ -23,11 +23,16 @@ pub(super) enum Range {
 }
 
 impl Case {
+    /// All numbers are numbers.
+    pub(super) fn finite(&self) -> Result<(), CaseError> {
+        match self.source.not_finite() {
+            Some(path) => self.refuse(&path, format!("`{path}` is not a finite number")),
+            None => Ok(()),
+        }
+    }
+
     /// Everything that can be said against the case without making the grains.
     pub(super) fn check(&self) -> Result<(), CaseError> {
-        if let Some(path) = self.source.not_finite() {
-            return Err(self.source.fault(&path, format!("`{path}` is not a finite number")));
-        }
         for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
             let path = format!("domain.size.{k}");
             self.number(&path, self.domain.size[k], Range::Positive)
@@ -39,7 +44,6 @@ impl Case {
         self.optional("damping", self.damping, Range::Part)?;
         self.time_step("time-step", &self.time_step)?;
         self.faces("face", &self.face)?;
-        self.check_walls()?;
         if let Some(rule) = &self.cell {
             self.cell_rule("cell", rule)?;
         }
@@ -137,6 +141,7 @@ impl Case {
             }
             self.until(k)?;
             self.sealed(k)?;
+            self.glue(k)?;
             self.inflow(k)?;
             if stage.consolidation && self.model(k, 0.0).fluid.is_none() {
                 return self.refuse(

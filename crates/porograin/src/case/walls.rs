@@ -27,6 +27,9 @@ pub struct WallTable {
     /// Whether it is there.
     #[serde(default = "present")]
     pub present: bool,
+    /// Whether the grains that touch it when this begins stick to it.
+    #[serde(default)]
+    pub glue: bool,
 }
 
 fn fixed() -> Motion {
@@ -119,6 +122,8 @@ pub struct WallRule {
     pub friction: Option<f64>,
     /// Whether it is there during the stage.
     pub present: Option<bool>,
+    /// Whether the grains that touch it when this begins stick to it.
+    pub glue: Option<bool>,
 }
 
 impl Case {
@@ -133,6 +138,7 @@ impl Case {
                     motion: rule.motion.unwrap_or_else(|| table.motion.clone()),
                     friction: rule.friction.unwrap_or(table.friction),
                     present: rule.present.unwrap_or(table.present),
+                    glue: rule.glue.unwrap_or(table.glue),
                     first: 0,
                 }
             })
@@ -356,6 +362,29 @@ impl Case {
             }
         }
         Ok(())
+    }
+
+    /// Grains that stick move with their wall: no water may push them, and no cell carry them.
+    pub(super) fn glue(&self, k: usize) -> Result<(), CaseError> {
+        let model = self.model(k, 0.0);
+        if !model.faces.iter().any(|face| face.glue) && !model.walls.iter().any(|wall| wall.glue) {
+            return Ok(());
+        }
+        let what = if model.fluid.is_some() {
+            "has water, which takes all grains to be free"
+        } else if self.cell.is_some() || self.stage[k].cell.is_some() {
+            "has a cell that deforms, which carries all grains along"
+        } else {
+            return Ok(());
+        };
+        let name = &self.stage[k].name;
+        Err(self
+            .source
+            .fault(
+                &format!("stage.{k}"),
+                format!("grains are glued to a wall, but the stage `{name}` {what}"),
+            )
+            .hint("leave `glue` out, or give the stage glue = false"))
     }
 
     /// No grain may be on the wrong side of a wall, or deep in one.

@@ -5,11 +5,13 @@
 //! corner, a rim. Coplanar triangles that share an edge are one patch, so a grain that rolls from one to the other
 //! feels nothing. The contacts are pairs of a grain and a part, in the same list as all others.
 
+pub mod glue;
 mod mesh;
 pub mod motion;
 pub mod shape;
 pub mod stl;
 
+pub use glue::Glue;
 pub use mesh::{Mesh, MeshError};
 pub use motion::{Motion, Place};
 pub use shape::{Foot, Shape};
@@ -30,6 +32,8 @@ pub struct Wall {
     pub friction: f64,
     /// Whether it is there: in a stage without it grains pass through.
     pub present: bool,
+    /// Whether the grains that touch it when this begins stick to it.
+    pub glue: bool,
     /// The number of its first part as the second of a pair, see [`number`].
     pub first: u32,
 }

@@ -152,7 +152,8 @@ fn velocities(
             let before = state.domain.walls[k].velocity.dot(along);
             let sign = f64::from(before > 0.0) - f64::from(before < 0.0);
             let net = push + known;
-            let mobility = kick(state, dt) / piston_mass(*mass, &state.grains);
+            let body = piston_mass(*mass, &state.grains) + state.domain.glue.mass(6 + k, &state.grains);
+            let mobility = kick(state, dt) / body;
             let after = before + mobility * (net - model.damping * net.abs() * sign);
             (after.clamp(-limit, limit) * along, DVec3::ZERO)
         }
