@@ -56,10 +56,10 @@ pub struct Run {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Threads; by default one per core. The results are the same bits with any number.
-    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// Stop at this simulated time [s]; `porograin resume` goes on.
-    #[arg(long, value_name = "T", value_parser = positive)]
+    #[arg(long, value_name = "T", value_parser = positive, allow_negative_numbers = true)]
     pub until: Option<f64>,
     /// Say nothing but errors.
     #[arg(long)]
@@ -75,10 +75,10 @@ pub struct Resume {
     /// Folder of the run.
     pub folder: PathBuf,
     /// Stop at this simulated time [s].
-    #[arg(long, value_name = "T", value_parser = positive)]
+    #[arg(long, value_name = "T", value_parser = positive, allow_negative_numbers = true)]
     pub until: Option<f64>,
     /// Threads; by default one per core.
-    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// Say nothing but errors.
     #[arg(long)]
@@ -164,19 +164,19 @@ pub struct Permeability {
     #[arg(long, value_enum, default_value = "symmetry", conflicts_with_all = ["period", "lattice"])]
     pub sides: Sides,
     /// Dynamic viscosity [Pa s].
-    #[arg(long, value_name = "MU", default_value = "1e-3", value_parser = positive)]
+    #[arg(long, value_name = "MU", default_value = "1e-3", value_parser = positive, allow_negative_numbers = true)]
     pub viscosity: f64,
     /// Pressure at the low face of a box less that at the high face [Pa].
-    #[arg(long, value_name = "DP", default_value = "1", value_parser = positive, conflicts_with_all = ["period", "lattice"])]
+    #[arg(long, value_name = "DP", default_value = "1", value_parser = positive, allow_negative_numbers = true, conflicts_with_all = ["period", "lattice"])]
     pub drop: f64,
     /// How much the pressure falls per length in a periodic cell [Pa/m].
-    #[arg(long, value_name = "G", default_value = "1", value_parser = positive, conflicts_with = "corners")]
+    #[arg(long, value_name = "G", default_value = "1", value_parser = positive, allow_negative_numbers = true, conflicts_with = "corners")]
     pub slope: f64,
     /// How a throat conducts.
     #[arg(long, value_enum, default_value = "local-drag")]
     pub conductance: Conductance,
     /// Calibration factor of the hydraulic radius; by default that of a round tube, 0.5.
-    #[arg(long, value_name = "ALPHA", value_parser = positive)]
+    #[arg(long, value_name = "ALPHA", value_parser = positive, allow_negative_numbers = true)]
     pub alpha: Option<f64>,
     /// How the force of the water is shared among the grains; the flow is the same.
     #[arg(long, value_enum, default_value = "reciprocal")]
@@ -229,14 +229,14 @@ pub struct Bench {
     /// How many steps to time.
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
-    /// Dynamic viscosity [Pa s]; by default such that dt mu / (k rho) = 0.2.
-    #[arg(long, value_name = "MU", value_parser = positive)]
+    /// Dynamic viscosity [Pa s]; by default such that dt mu / (k rho) = 0.2, dt being that of a dry step.
+    #[arg(long, value_name = "MU", value_parser = positive, allow_negative_numbers = true)]
     pub viscosity: Option<f64>,
-    /// Relative residual of the pressure solve of `coupled`; by default that of a case.
+    /// Relative residual of the pressure solve of `coupled`; by default 1e-6.
     #[arg(long, value_name = "R", value_parser = positive)]
     pub residual: Option<f64>,
     /// Threads.
-    #[arg(long, value_name = "N", value_parser = at_least_one, default_value = "1")]
+    #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true, default_value = "1")]
     pub threads: usize,
     /// Print one JSON object on standard output.
     #[arg(long)]
@@ -332,8 +332,23 @@ impl Command {
 
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        Ok(value) if RANGE.contains(&value) => Ok(value),
+        Ok(value) if value > 0.0 => {
+            Err(format!("a number between {:e} and {:e} is needed", RANGE.start(), RANGE.end()))
+        }
         _ => Err("a number greater than 0 is needed".into()),
+    }
+}
+
+/// Numbers beyond these would have products that a number cannot hold.
+const RANGE: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
+/// More threads than this only wait for each other.
+const MOST_THREADS: usize = 1024;
+
+fn threads(text: &str) -> Result<usize, String> {
+    match at_least_one(text) {
+        Ok(count) if count > MOST_THREADS => Err(format!("at most {MOST_THREADS} threads can be used")),
+        other => other,
     }
 }
 
@@ -345,15 +360,12 @@ fn at_least_one(text: &str) -> Result<usize, String> {
 }
 
 fn corners(text: &str) -> Result<Corners, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
-    let &[x0, y0, z0, x1, y1, z1] = numbers.as_slice() else {
-        return Err("six numbers x0,y0,z0,x1,y1,z1 are needed".into());
-    };
-    if !numbers.iter().all(|x| x.is_finite()) {
-        return Err("six finite numbers are needed".into());
-    }
+    let [x0, y0, z0, x1, y1, z1] = numbers(text, "x0,y0,z0,x1,y1,z1")?;
     if x1 <= x0 || y1 <= y0 || z1 <= z0 {
         return Err("the second corner must be above the first along x, y and z".into());
+    }
+    if ![x1 - x0, y1 - y0, z1 - z0].iter().all(|edge| RANGE.contains(edge)) {
+        return Err(format!("edges between {:e} m and {:e} m are needed", RANGE.start(), RANGE.end()));
     }
     Ok(Corners([x0, y0, z0], [x1, y1, z1]))
 }

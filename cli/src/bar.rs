@@ -47,7 +47,7 @@ impl Bar {
         self.stage = Some(view.stage);
         let left = match view.left {
             Some(left) => format!(", {} left", span(left)),
-            None => String::new(),
+            None => view.standing().map_or(String::new(), |standing| format!(", {standing}")),
         };
         let water = if view.report.water.is_some_and(|water| water.implicit) { ", implicit" } else { "" };
         let View { step, time, report, .. } = view;
@@ -59,15 +59,15 @@ impl Bar {
                 bar.set_position((1000.0 * view.part.unwrap_or(0.0)) as u64);
                 bar.set_message(message);
             }
-            None => eprintln!("{place}: {message}"),
+            None => say!("{place}: {message}"),
         }
     }
 
     /// Says a line without spoiling the bar.
     fn say(&self, line: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{line}")),
-            None => eprintln!("{line}"),
+            Some(bar) => bar.suspend(|| say!("{line}")),
+            None => say!("{line}"),
         }
     }
 

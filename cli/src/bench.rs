@@ -43,7 +43,7 @@ fn dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
         Law::HertzMindlin => bench::hertz_mindlin(),
     };
     let cost = bench::dry(spheres.position, spheres.radius, domain, law, steps).map_err(failed)?;
-    eprintln!(
+    say!(
         "{:.1} ns per contact and step, {:.3e} s per step, {} grains, {} contacts; neighbours anew {:.0} ns per grain",
         cost.ns_per_contact_step,
         cost.seconds_per_step,
@@ -52,7 +52,7 @@ fn dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
         cost.rebuild_ns_per_grain
     );
     if let Some(bytes) = cost.bytes_per_grain {
-        eprintln!("{bytes:.0} bytes of memory per grain");
+        say!("{bytes:.0} bytes of memory per grain");
     }
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)
@@ -65,7 +65,7 @@ fn coupled(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     let Bench { viscosity, residual, .. } = *arguments;
     let cost = bench::coupled(spheres.position, spheres.radius, domain, steps, viscosity, residual)
         .map_err(failed)?;
-    eprintln!(
+    say!(
         "{:.3e} s per step, {:.1} dry steps; {} grains, {} contacts, {} pores\n\
          {:.2} iterations of {} per step to a residual of {:.0e}; dt {:.3e} s, limited by {}; dt mu/(k rho) = {:.3}",
         cost.seconds_per_step,
@@ -89,7 +89,7 @@ fn coarse(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     let domain = Domain::walled(cell.origin, cell.upper());
     let steps = arguments.steps.unwrap_or(STEPS) as usize;
     let cost = bench::coarse(spheres.position, spheres.radius, domain, steps).map_err(failed)?;
-    eprintln!(
+    say!(
         "{:.3e} s per step, the water {:.0} % of the dry {:.3e} s; {} grains, {} cells, {:.2} iterations per step",
         cost.seconds_per_step,
         100.0 * cost.water_over_dry,
@@ -106,7 +106,7 @@ fn coarse(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
 fn solvers(arguments: &Bench) -> Outcome {
     let max =
         arguments.max.ok_or_else(|| Failure::Input("give --max, the largest number of grains".into()))?;
-    eprintln!(
+    say!(
         "   grains    pores   triangulation conductance | solver        set-up    solve iterations      MB flux error | thesis \
          (Gauss-Seidel, PARDISO, TAUCS)"
     );
@@ -116,13 +116,16 @@ fn solvers(arguments: &Bench) -> Outcome {
         for (k, s) in size.solvers.iter().enumerate() {
             let name = serde_json::to_value(s.solver).map_err(failed)?;
             match k {
-                0 => eprint!(
+                0 => say_part!(
                     "{:9} {:8} {:11.3} s {:9.3} s |",
-                    size.grains, size.pores, size.triangulation, size.conductance
+                    size.grains,
+                    size.pores,
+                    size.triangulation,
+                    size.conductance
                 ),
-                _ => eprint!("{:44}|", ""),
+                _ => say_part!("{:44}|", ""),
             }
-            eprint!(
+            say_part!(
                 " {:12} {:7.3} s {:7.3} s {:8} {:9.1} {:9.1e} |",
                 name.as_str().unwrap_or_default(),
                 s.setup,
@@ -132,8 +135,8 @@ fn solvers(arguments: &Bench) -> Outcome {
                 s.flux_error
             );
             match size.thesis.filter(|_| k == 0) {
-                Some(t) => eprintln!(" {} s, {} s, {} s", t.gauss_seidel, t.pardiso, t.taucs),
-                None => eprintln!(),
+                Some(t) => say!(" {} s, {} s, {} s", t.gauss_seidel, t.pardiso, t.taucs),
+                None => say!(),
             }
         }
         all.push(size);
@@ -161,7 +164,7 @@ fn permeability(arguments: &Bench, cell: &Cell, spheres: &Spheres) -> Outcome {
         }
     }
     let Some(best) = best else { return Ok(None) };
-    eprintln!("{:.3} s for {} grains", total(&best), spheres.radius.len());
+    say!("{:.3} s for {} grains", total(&best), spheres.radius.len());
     let mut object = object(&best);
     object["conductance"] = problem.conductance.name().into();
     object["seconds"]["total"] = total(&best).into();
@@ -174,7 +177,7 @@ fn total(flow: &Flow) -> f64 {
 
 fn say_phases(phases: &[(&str, f64)]) {
     for (phase, share) in phases {
-        eprintln!("  {phase:12} {:5.1} %", 100.0 * share);
+        say!("  {phase:12} {:5.1} %", 100.0 * share);
     }
 }
 

@@ -20,43 +20,43 @@ pub fn check(arguments: &Check) -> Outcome {
 fn show(implied: &Implied) {
     let Implied { title, grains, radius: [least, mean, greatest], solid_fraction, pores, memory, stages } =
         implied;
-    eprintln!("{title}");
-    eprintln!(
+    say!("{title}");
+    say!(
         "  {grains} grains, radius {mean:.4e} m ({least:.4e} to {greatest:.4e}), filling {:.1} % of the box",
         100.0 * solid_fraction
     );
     if let Some(pores) = pores {
-        eprintln!("  about {pores} pores");
+        say!("  about {pores} pores");
     }
-    eprintln!("  about {:.0} MB of memory", memory / 1e6);
+    say!("  about {:.0} MB of memory", memory / 1e6);
     let count = *grains as f64;
     for stage in stages {
-        eprintln!("stage {}", stage.name);
-        eprintln!("  time step {:.3e} s, limited by {}", stage.time_step, stage.cause);
+        say!("stage {}", stage.name);
+        say!("  time step {:.3e} s, limited by {}", stage.time_step, stage.cause);
         if let Some((steps, seconds)) = stage.steps.zip(stage.seconds) {
-            eprintln!("  {steps} steps, about {} on one core", span(Duration::from_secs_f64(seconds)));
+            say!("  {steps} steps, about {} on one core", span(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)));
         }
         if let Some(number) = stage.stiffness_number {
-            eprintln!("  stiffness number E/stress {number:.0}");
+            say!("  stiffness number E/stress {number:.0}");
         }
         if let Some(water) = &stage.water {
-            eprintln!(
+            say!(
                 "  permeability about {:.2e} m2, seepage {:.2e} m/s, Reynolds {:.1e}, Stokes {:.1e}",
-                water.permeability, water.seepage, water.reynolds, water.stokes
+                water.permeability,
+                water.seepage,
+                water.reynolds,
+                water.stokes
             );
             let steps = if water.implicit { "implicit" } else { "explicit" };
-            eprintln!(
-                "  {steps} steps: the water would shorten explicit ones about {:.1} times",
-                water.shortens
-            );
+            say!("  {steps} steps: the water would shorten explicit ones about {:.1} times", water.shortens);
             if water.free_level {
-                eprintln!("  no pressure is given anywhere: pressures count from their mean");
+                say!("  no pressure is given anywhere: pressures count from their mean");
             }
             if let Some([nx, ny, nz]) = stage.cells {
                 let each = count / (nx * ny * nz) as f64;
-                eprintln!("  {nx} x {ny} x {nz} cells with {each:.1} grains each");
+                say!("  {nx} x {ny} x {nz} cells with {each:.1} grains each");
             }
-            eprintln!("  consolidation takes about {:.2e} s", water.consolidation);
+            say!("  consolidation takes about {:.2e} s", water.consolidation);
         }
     }
 }

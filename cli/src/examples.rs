@@ -1,9 +1,10 @@
 //! `porograin list` and `porograin new`: the examples are inside the program.
 
 use crate::{Failure, Outcome};
-use porograin::case::{PACKINGS, SHAPES, nearest};
+use porograin::case::{PACKINGS, SHAPES, nearest, reason};
 use porograin::pores::conductance::CONDUCTANCES;
 use porograin::watch::Measure;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 /// An example: its name, one line about it, its files.
@@ -205,9 +206,11 @@ pub fn list() -> Outcome {
 }
 
 fn section(heading: &str, entries: &[(&str, &str)]) {
-    println!("{heading}:");
+    // Whoever reads may have seen enough.
+    let mut out = std::io::stdout();
+    let _ = writeln!(out, "{heading}:");
     for (name, about) in entries {
-        println!("  {name:<18} {about}");
+        let _ = writeln!(out, "  {name:<18} {about}");
     }
 }
 
@@ -233,7 +236,7 @@ pub fn new(name: &str, folder: Option<PathBuf>) -> Outcome {
         std::fs::create_dir_all(&folder)?;
         example.files.iter().try_for_each(|(file, text)| std::fs::write(folder.join(file), text))
     };
-    write().map_err(|e| Failure::Input(format!("cannot write into {shown}: {e}")))?;
-    eprintln!("{}\nrun it with: porograin run {shown}/{}", example.about, example.files[0].0);
+    write().map_err(|e| Failure::Input(format!("cannot write into {shown}: {}", reason(&e))))?;
+    say!("{}\nrun it with: porograin run {shown}/{}", example.about, example.files[0].0);
     Ok(None)
 }

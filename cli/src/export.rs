@@ -2,6 +2,7 @@
 
 use crate::arguments::Export;
 use crate::{Failure, Outcome};
+use porograin::case::reason;
 use porograin::output::folder::last_state;
 use porograin::output::table::number;
 use serde_json::json;
@@ -32,8 +33,8 @@ pub fn export(arguments: &Export) -> Outcome {
     let shown = arguments.grains.display().to_string();
     std::fs::File::create_new(&arguments.grains)
         .and_then(|mut file| std::io::Write::write_all(&mut file, text.as_bytes()))
-        .map_err(|e| Failure::Input(format!("cannot write {shown}: {e}")))?;
-    eprintln!("{} grains in {shown}", grains.len());
+        .map_err(|e| Failure::Input(format!("cannot write {shown}: {}", reason(&e))))?;
+    say!("{} grains in {shown}", grains.len());
     Ok(Some(
         json!({ "grains": grains.len(), "file": shown, "lower": lower.to_array(), "upper": upper.to_array() }),
     ))

@@ -1,5 +1,21 @@
 //! The porograin command: reads arguments, calls the library, prints. No physics here.
 
+/// A line on standard error; nobody may be listening any more, and that is no reason to stop a run.
+macro_rules! say {
+    ($($part:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($part)*);
+    }};
+}
+
+/// The beginning of a line on standard error.
+macro_rules! say_part {
+    ($($part:tt)*) => {{
+        use std::io::Write as _;
+        let _ = write!(std::io::stderr(), $($part)*);
+    }};
+}
+
 mod arguments;
 mod bar;
 mod bench;
@@ -12,6 +28,7 @@ mod run;
 
 use arguments::{Arguments, Command};
 use clap::Parser;
+use std::io::Write as _;
 use std::process::ExitCode;
 
 /// Why a command failed: one sentence for the user, and who is to blame.
@@ -23,7 +40,10 @@ pub enum Failure {
 }
 
 fn main() -> ExitCode {
-    let Arguments { command } = Arguments::parse();
+    let Arguments { command } = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return misread(&error),
+    };
     let json = command.json();
     let outcome = match command {
         Command::Run(arguments) => run::run(&arguments),
@@ -43,15 +63,51 @@ fn main() -> ExitCode {
                 Failure::Input(sentence) => (2, sentence),
                 Failure::Run(sentence) => (1, sentence),
             };
-            eprintln!("error: {sentence}");
+            say!("error: {sentence}");
             let first = sentence.lines().next().unwrap_or_default();
             (code, Some(serde_json::json!({ "error": first })))
         }
     };
     if json && let Some(object) = object {
-        println!("{object:#}");
+        return match print(&object) {
+            Ok(()) => ExitCode::from(code),
+            Err(error) => {
+                say!("error: cannot write to standard output: {error}");
+                ExitCode::from(1)
+            }
+        };
     }
     ExitCode::from(code)
+}
+
+/// One JSON object on standard output.
+fn print(object: &serde_json::Value) -> std::io::Result<()> {
+    let mut out = std::io::stdout();
+    writeln!(out, "{object:#}")?;
+    out.flush()
+}
+
+/// Arguments that make no sense, or a call for help.
+fn misread(error: &clap::Error) -> ExitCode {
+    let code = error.exit_code();
+    let _ = error.print();
+    if code != 0 && std::env::args_os().any(|word| word == "--json") {
+        let text = error.to_string();
+        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        let _ = print(&serde_json::json!({ "error": first }));
+    }
+    ExitCode::from(if code == 0 { 0 } else { 2 })
+}
+
+/// A path as it can be pasted into a shell.
+pub fn quoted(path: &std::path::Path) -> String {
+    let shown = path.display().to_string();
+    let plain = |c: char| c.is_alphanumeric() || "/._-+,:@%".contains(c);
+    if !shown.is_empty() && shown.chars().all(plain) {
+        shown
+    } else {
+        format!("'{}'", shown.replace('\'', r"'\''"))
+    }
 }
 
 /// What a command gives back: the object for `--json`, if it has one.

@@ -3,8 +3,10 @@
 use crate::arguments::{self, Axis, Corners, Lattice, Permeability, Region, Sides};
 use crate::{Failure, Outcome};
 use glam::{DMat3, DVec3};
+use porograin::case::reason;
 use porograin::import::{self, Spheres};
 use porograin::output::frame::pore_mesh;
+use porograin::output::replace;
 use porograin::output::vtk::{self, Field, PoreMesh, Values};
 use porograin::permeability::{
     Outcome as Walled, PeriodicOutcome, PeriodicProblem, Problem, Seconds, measure, measure_periodic,
@@ -21,6 +23,14 @@ pub const RESIDUAL: f64 = 1e-10;
 
 /// `porograin permeability`.
 pub fn permeability(arguments: &Permeability) -> Outcome {
+    if let Some(path) = &arguments.forces
+        && same_file(path, &arguments.grains)
+    {
+        return Err(Failure::Input(format!(
+            "--forces would write over the grains in {}: name another file",
+            arguments.grains.display()
+        )));
+    }
     let (cell, spheres) = match &arguments.region {
         Region { corners: Some(corners), .. } => packing(&arguments.grains, *corners)?,
         Region { period: Some(lattice), .. } | Region { lattice: Some(lattice), .. } => {
@@ -51,9 +61,13 @@ fn walled(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[usiz
             let pores = pore_mesh(&flow.mesh, &spheres.position, cell, &flow.pressure);
             write_vtk(&folder_of(path, axis, axes), &spheres.position, &spheres.radius, &flow.loads, &pores)?;
         }
-        eprintln!(
+        say!(
             "permeability {:.6e} m2 along {}, porosity {:.4}, {} pores, {} throats",
-            flow.permeability, AXES[axis], flow.porosity, flow.mesh.census.pores, flow.mesh.census.throats
+            flow.permeability,
+            AXES[axis],
+            flow.porosity,
+            flow.mesh.census.pores,
+            flow.mesh.census.throats
         );
         flows.push(flow);
     }
@@ -93,11 +107,11 @@ fn periodic(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[us
             write_vtk(&folder_of(path, axis, axes), &found.position, &spheres.radius, &flow.loads, &pores)?;
         }
     }
-    eprintln!("permeability [m2], {} pores, {} throats:", found.mesh.census.pores, found.mesh.census.throats);
+    say!("permeability [m2], {} pores, {} throats:", found.mesh.census.pores, found.mesh.census.throats);
     for row in rows(found.tensor) {
-        eprintln!("  {:14.6e} {:14.6e} {:14.6e}", row[0], row[1], row[2]);
+        say!("  {:14.6e} {:14.6e} {:14.6e}", row[0], row[1], row[2]);
     }
-    eprintln!("porosity {:.4}; pressures: {LEVEL}", found.porosity);
+    say!("porosity {:.4}; pressures: {LEVEL}", found.porosity);
     Ok(Some(periodic_object(&found, cell, axes)))
 }
 
@@ -189,7 +203,12 @@ fn write_forces(path: &Path, flows: &[&Loads]) -> Result<(), Failure> {
         let line: Vec<String> = numbers.map(|x| format!("{x:e}")).collect();
         let _ = writeln!(text, "{}", line.join(","));
     }
-    std::fs::write(path, text).map_err(|e| Failure::Input(format!("cannot write {}: {e}", path.display())))
+    replace(path, text.as_bytes())
+        .map_err(|e| Failure::Input(format!("cannot write {}: {}", path.display(), reason(&e))))
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b))
 }
 
 /// The folder of the flow along `axis`.
@@ -215,10 +234,10 @@ fn write_vtk(
     );
     let write = || {
         std::fs::create_dir_all(folder)?;
-        std::fs::write(folder.join("grains.vtp"), grains)?;
-        std::fs::write(folder.join("pores.vtu"), vtk::mesh(pores))
+        replace(&folder.join("grains.vtp"), &grains)?;
+        replace(&folder.join("pores.vtu"), &vtk::mesh(pores))
     };
-    write().map_err(|e| Failure::Input(format!("cannot write into {}: {e}", folder.display())))
+    write().map_err(|e| Failure::Input(format!("cannot write into {}: {}", folder.display(), reason(&e))))
 }
 
 /// The object that `--json` prints for a box.

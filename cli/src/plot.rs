@@ -2,7 +2,7 @@
 
 use crate::arguments::Plot;
 use crate::{Failure, Outcome};
-use porograin::case::Case;
+use porograin::case::{Case, reason};
 use porograin::output::plot::{History, draw};
 use porograin::output::replace;
 use serde_json::json;
@@ -22,7 +22,7 @@ pub fn plot(arguments: &Plot) -> Outcome {
     for folder in &arguments.folders {
         let path = folder.join("history.csv");
         let history = History::read(&path)
-            .map_err(|e| Failure::Input(format!("cannot read {}: {e}", path.display())))?;
+            .map_err(|e| Failure::Input(format!("cannot read {}: {}", path.display(), reason(&e))))?;
         runs.push((name(folder), history));
     }
     let out = arguments.out.as_ref().unwrap_or(first);
@@ -32,8 +32,8 @@ pub fn plot(arguments: &Plot) -> Outcome {
         let shown = path.display().to_string();
         std::fs::create_dir_all(out)
             .and_then(|()| replace(&path, picture.as_bytes()))
-            .map_err(|e| Failure::Run(format!("cannot write {shown}: {e}")))?;
-        eprintln!("{shown}");
+            .map_err(|e| Failure::Run(format!("cannot write {shown}: {}", reason(&e))))?;
+        say!("{shown}");
         files.push(shown);
     }
     Ok(Some(json!({ "files": files })))

@@ -2,11 +2,12 @@
 
 use crate::arguments::{Resume, Run};
 use crate::bar::{Bar, span};
-use crate::{Failure, Outcome, threads};
+use crate::{Failure, Outcome, quoted, threads};
 use porograin::case::Case;
+use porograin::consolidation::COMPARE_FROM;
 use porograin::output::folder::Folder;
 use porograin::pores::Stepping;
-use porograin::run::{Ending, Options, Simulation, run as drive};
+use porograin::run::{Ending, Options, RunError, Simulation, run as drive};
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,7 +22,7 @@ pub fn run(arguments: &Run) -> Outcome {
     let path = arguments.out.clone().unwrap_or_else(|| PathBuf::from("out").join(case.name()));
     let folder = Folder::create(&path, &case).map_err(|e| Failure::Input(e.to_string()))?;
     if !arguments.quiet {
-        eprintln!("{}: {} grains, results in {}", case.title, simulation.state.grains.len(), path.display());
+        say!("{}: {} grains, results in {}", case.title, simulation.state.grains.len(), path.display());
     }
     go(&case, simulation, folder, arguments.until, arguments.quiet)
 }
@@ -34,7 +35,7 @@ pub fn resume(arguments: &Resume) -> Outcome {
     let simulation = Simulation::resume(&case, state, progress);
     if !arguments.quiet {
         let now = &simulation.state;
-        eprintln!("{}: going on from step {}, t = {:.4e} s", case.title, now.step, now.time);
+        say!("{}: going on from step {}, t = {:.4e} s", case.title, now.step, now.time);
     }
     go(&case, simulation, folder, arguments.until, arguments.quiet)
 }
@@ -55,22 +56,34 @@ fn go(
         }
     })
     .map_err(|e| Failure::Run(format!("cannot listen for Ctrl-C: {e}")))?;
-    let options = Options { until, checkpoint: Duration::from_secs_f64(case.output.checkpoint), stop: &stop };
+    let options = Options {
+        until,
+        checkpoint: Duration::try_from_secs_f64(case.output.checkpoint).unwrap_or(Duration::MAX),
+        stop: &stop,
+    };
     let clock = Instant::now();
     let mut bar = Bar::new(quiet);
     // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
     let ending = rayon::scope(|_| drive(&mut simulation, &mut folder, &options, &mut |view| bar.show(view)));
     bar.finish();
-    let shown = folder.path().display().to_string();
+    let (shown, pasted) = (folder.path().display().to_string(), quoted(folder.path()));
     let ending = ending.map_err(|error| {
-        Failure::Run(format!("{error}\n  = the last checkpoint is kept: porograin resume {shown}"))
+        let way = match &error {
+            // Going on from the checkpoint would end in the same way.
+            RunError::Endless { stage, .. } => format!(
+                "the last checkpoint is kept; to wait longer run the case again, \
+                 with --set stage.{stage}.until.max-steps=… or max-time=…"
+            ),
+            _ => format!("the last checkpoint is kept: porograin resume {pasted}"),
+        };
+        Failure::Run(format!("{error}\n  = {way}"))
     })?;
     let word = match ending {
         Ending::Finished => "finished",
         Ending::Until => "until",
         Ending::Interrupted => {
             return Err(Failure::Run(format!(
-                "interrupted at t = {:.4e} s\n  = go on with: porograin resume {shown}",
+                "interrupted at t = {:.4e} s\n  = go on with: porograin resume {pasted}",
                 simulation.state.time
             )));
         }
@@ -78,11 +91,10 @@ fn go(
     if !quiet {
         report(&folder);
         match ending {
-            Ending::Until => eprintln!(
-                "stopped at t = {:.4e} s; go on with: porograin resume {shown}",
-                simulation.state.time
-            ),
-            _ => eprintln!("done in {}; results in {shown}", span(clock.elapsed())),
+            Ending::Until => {
+                say!("stopped at t = {:.4e} s; go on with: porograin resume {pasted}", simulation.state.time)
+            }
+            _ => say!("done in {}; results in {shown}", span(clock.elapsed())),
         }
     }
     Ok(Some(json!({ "out": shown, "ended": word, "summary": folder.summary })))
@@ -102,7 +114,7 @@ fn report(folder: &Folder) {
             Some(Stepping::Implicit) => " implicit",
             _ => "",
         };
-        eprintln!(
+        say!(
             "{:>12}: {}{water} steps, {:.4e} s simulated in {:.1} s ({})",
             stage.name,
             stage.steps,
@@ -112,20 +124,33 @@ fn report(folder: &Folder) {
         );
         if let Some(reached) = &stage.reached {
             let [x, y, z] = reached.stress;
-            eprintln!(
+            say!(
                 "{:>12}  porosity {:.4}, {:.2} contacts per grain, {} rattlers, stress {x:.3e} {y:.3e} {z:.3e} Pa",
-                "", reached.porosity, reached.coordination, reached.rattlers
+                "",
+                reached.porosity,
+                reached.coordination,
+                reached.rattlers
             );
         }
         if stage.free_level {
             eprintln!("              no pressure is given anywhere: pressures count from their mean");
         }
     }
+    if let Some(seen) = &folder.summary.terzaghi {
+        say!(
+            "    Terzaghi: for T_v > {COMPARE_FROM} the pressure at mid-height is within {:.3} of the load, the settlement within \
+             {:.3} of the final one; before, the pressure reaches {:.2} of the load",
+            seen.max_error,
+            seen.max_settlement_error,
+            seen.first_pressure
+        );
+        say!("              {}", folder.path().join("consolidation.svg").display());
+    }
     if let Some(error) = folder.summary.sample.grading_error {
-        eprintln!("     grading: passing mass within {error:.1e} of what was asked for");
+        say!("     grading: passing mass within {error:.1e} of what was asked for");
     }
     if let Some(water) = &folder.summary.budget {
-        eprintln!(
+        say!(
             "       water: {:.1} iterations per step; flux left over {:.0e}, force sum {:.0e}, work less dissipation \
              {:.0e}, mass drift {:.0e}",
             water.iterations as f64 / water.steps as f64,
@@ -134,12 +159,16 @@ fn report(folder: &Folder) {
             water.power,
             water.mass_drift
         );
-        eprintln!(
+        say!(
             "              {} meshes made for their strain, {} for new rules; {} pores merged, {} throats closed, {} clamped",
-            water.meshes_for_strain, water.meshes_for_rules, water.merged, water.closed, water.clamped
+            water.meshes_for_strain,
+            water.meshes_for_rules,
+            water.merged,
+            water.closed,
+            water.clamped
         );
     }
     for warning in &folder.summary.warnings {
-        eprintln!("warning: {warning}");
+        say!("warning: {warning}");
     }
 }

@@ -237,3 +237,61 @@ fn a_run_leaves_what_the_contract_says() {
     let frames = fs::read_dir(run.join("vtk")).unwrap().count();
     assert!(read("vtk/grains.pvd").matches("<DataSet").count() == frames - 1 && frames > 3);
 }
+
+#[test]
+fn a_run_keeps_its_grain_file_and_can_be_run_again_from_its_folder() {
+    let folder = folder("grains");
+    let grains = "x,y,z,r\n0.003,0.003,0.003,0.001\n0.006,0.003,0.003,0.001\n";
+    fs::create_dir_all(folder.join("from here")).unwrap();
+    fs::write(folder.join("from here/two grains.csv"), grains).unwrap();
+    let packing = "--set=grains.packing={ file = \"from here/two grains.csv\" }";
+    let short = ["--set=stage.fall.until.time=0.001", "--set=stage.hold.until.steps=5"];
+    finish(&folder, &["run", "tiny.toml", packing, short[0], short[1], "--out", "first"]);
+    fs::remove_dir_all(folder.join("from here")).unwrap();
+    finish(&folder, &["run", "first/case.toml", "--out", "second"]);
+    same(&folder.join("first"), &folder.join("second"));
+    // Into the folder where the grains are: they stay what they are.
+    let alone = folder.join("alone");
+    fs::create_dir(&alone).unwrap();
+    fs::write(alone.join("g.csv"), grains).unwrap();
+    fs::copy(folder.join("tiny.toml"), alone.join("tiny.toml")).unwrap();
+    let packing = "--set=grains.packing={ file = \"g.csv\" }";
+    finish(&alone, &["run", "tiny.toml", packing, short[0], short[1], "--out", "."]);
+    assert_eq!(fs::read_to_string(alone.join("g.csv")).unwrap(), grains);
+}
+
+#[test]
+fn two_processes_cannot_share_a_run() {
+    let folder = folder("shared");
+    let mut child =
+        start(&folder, &["run", "tiny.toml", "--out", "long", "--set", "stage.hold.until.steps=100000000"]);
+    while !folder.join("long/checkpoint").exists() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let output = start(&folder, &["resume", "long"]).wait_with_output().unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("long belongs to a run that is going on"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_goes_on_when_nobody_listens_any_more() {
+    let folder = folder("unheard");
+    let mut child = start(&folder, &["run", "tiny.toml", "--out", "long", "--until", "0.06"]);
+    drop(child.stderr.take());
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn a_lost_summary_is_told() {
+    let folder = folder("lost");
+    finish(&folder, &["run", "tiny.toml", "--out", "run", "--until", "0.01"]);
+    fs::write(folder.join("run/summary.json"), "{").unwrap();
+    let (stdout, said) = finish(&folder, &["resume", "run", "--until", "0.02", "--json"]);
+    assert!(said.contains("warning: summary.json was lost or damaged"), "{said}");
+    assert!(stdout.contains("summary.json was lost or damaged"), "{stdout}");
+}

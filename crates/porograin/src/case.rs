@@ -302,7 +302,7 @@ impl Case {
         let text = std::fs::read_to_string(path)
             .map_err(|e| CaseError::new(format!("cannot read the case {name}: {}", reason(&e))))?;
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
-        Self::from_text(&name, &text, &folder, overrides)
+        Self::from_text(&name, text.trim_start_matches(BYTE_ORDER_MARK), &folder, overrides)
     }
 
     /// The same of a text; files it names are looked up in `folder`.
@@ -320,6 +320,25 @@ impl Case {
         case.check()?;
         case.check_shapes()?;
         Ok(case)
+    }
+
+    /// The files that grains and walls are read from, as the case names them and where they are.
+    pub fn files(&self) -> impl Iterator<Item = (&str, PathBuf)> {
+        let grains = match &self.grains.packing {
+            Packing::File(file) => Some(file.as_str()),
+            _ => None,
+        };
+        let walls = self.wall.iter().filter_map(WallTable::file);
+        grains.into_iter().chain(walls).map(|file| (file, self.whereabouts(file)))
+    }
+
+    /// Where a file is: where the case says, or, in the folder of a run, beside it.
+    fn whereabouts(&self, file: &str) -> PathBuf {
+        let (named, beside) = (self.folder.join(file), Path::new(file).file_name());
+        match beside.map(|name| self.folder.join(name)) {
+            Some(beside) if !named.exists() && beside.exists() => beside,
+            _ => named,
+        }
     }
 
     /// The text of the case as run, overrides applied.
@@ -342,14 +361,18 @@ impl Case {
     }
 }
 
+/// What some editors and spreadsheets put before the first word of a text.
+pub(crate) const BYTE_ORDER_MARK: char = '\u{feff}';
+
 /// An input-output error as a few words for a sentence.
-pub(crate) fn reason(error: &std::io::Error) -> String {
+pub fn reason(error: &std::io::Error) -> String {
     match error.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".into(),
         std::io::ErrorKind::PermissionDenied => "permission denied".into(),
         std::io::ErrorKind::IsADirectory => "it is a folder".into(),
         std::io::ErrorKind::NotADirectory => "a part of the path is not a folder".into(),
         std::io::ErrorKind::InvalidData => "it is not text".into(),
+        std::io::ErrorKind::AlreadyExists => "it is there already, and is never overwritten".into(),
         _ => error.to_string(),
     }
 }

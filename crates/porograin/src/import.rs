@@ -1,9 +1,11 @@
 //! Grains from a CSV file: one line `x,y,z,r` per grain [m]; lines that start with `#` and a line of names are skipped.
 
-use crate::case::{CaseError, Place, reason};
+use crate::case::{BYTE_ORDER_MARK, CaseError, Place, reason};
 use glam::DVec3;
 use porograin_geometry::{Cell, Period};
 
+/// Radii below this part of the box are taken for a mistake: their volumes would vanish in the rounding of that of the box.
+const SMALLEST: f64 = 5e-10;
 /// Grains may overlap their own image by this part of their diameter: rounding of a lattice that touches.
 const TOUCHING: f64 = 1e-6;
 
@@ -23,8 +25,10 @@ pub struct Spheres {
 /// # Errors
 /// When it cannot be read.
 pub fn read(path: &std::path::Path) -> Result<String, CaseError> {
-    std::fs::read_to_string(path)
-        .map_err(|e| CaseError::new(format!("cannot read the grain file {}: {}", path.display(), reason(&e))))
+    let text = std::fs::read_to_string(path).map_err(|e| {
+        CaseError::new(format!("cannot read the grain file {}: {}", path.display(), reason(&e)))
+    })?;
+    Ok(text.trim_start_matches(BYTE_ORDER_MARK).to_owned())
 }
 
 /// Reads the text of a file called `name`.
@@ -105,6 +109,14 @@ impl Spheres {
             if 2.0 * r > size.min_element() {
                 let sentence = format!(
                     "the grain, {} m across, is bigger than the box, {} m",
+                    2.0 * r,
+                    size.min_element()
+                );
+                return Err(self.fault(name, text, i, sentence));
+            }
+            if r < SMALLEST * size.min_element() {
+                let sentence = format!(
+                    "the grain, {:e} m across, is less than a billionth of the box, {} m: is its unit right?",
                     2.0 * r,
                     size.min_element()
                 );

@@ -415,6 +415,25 @@ pub struct View<'a> {
     pub part: Option<f64>,
     /// Wall time until the end of the stage, when `part` tells.
     pub left: Option<Duration>,
+    simulation: &'a Simulation,
+}
+
+impl View<'_> {
+    /// How far the conditions are that the stage waits for, with what is asked in brackets. It costs a pass over all
+    /// contacts.
+    pub fn standing(&self) -> Option<String> {
+        let until = &self.simulation.stages[self.stage].until;
+        if !until.waits() {
+            return None;
+        }
+        let now = self.simulation.conditions(until);
+        let of = |name: &str, value: Option<f64>, limit: Option<f64>| {
+            value.zip(limit).map(|(value, limit)| format!("{name} {value:.1e} ({limit:.0e})"))
+        };
+        let unbalanced = of("unbalanced", now.unbalanced, until.unbalanced);
+        let stress = of("stress error", now.stress.map(|s| s.0), until.stress_error);
+        Some(unbalanced.into_iter().chain(stress).collect::<Vec<_>>().join(", "))
+    }
 }
 
 /// Runs a simulation to its end, or to where `options` stop it, writing its files into `folder`; `show` is called
@@ -551,6 +570,7 @@ impl Sitting {
             news: &simulation.news,
             part,
             left,
+            simulation,
         }
     }
 }

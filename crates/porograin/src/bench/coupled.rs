@@ -62,6 +62,8 @@ pub struct CoupledBench {
 const LOAD: f64 = 1e3;
 /// `dt mu / (k rho)` unless a viscosity is given, dt the length of a dry step and rho the density of the grains.
 const VISCOUS_NUMBER: f64 = 0.2;
+/// Relative residual of the pressure solve unless given.
+pub const RESIDUAL: f64 = 1e-6;
 /// The conductance: that of the thesis and of the codes to compare with.
 const CONDUCTANCE: Conductance = Conductance::hydraulic_radius();
 
@@ -107,7 +109,7 @@ impl From<StepError> for BenchError {
 /// Consolidates a packing (centres and radii [m], in any order): it is held dry first, which gives the cost of the dry
 /// step and the stress at the top; then water fills it, the top becomes a servo with 1 kPa more, the other walls
 /// stay fixed, top and bottom are drained, the sides are mirrors, and the mesh is kept. `steps` steps are
-/// timed after a tenth as many to warm up. The relative `residual` of the pressure solve is that of a case unless given.
+/// timed after a tenth as many to warm up. The relative `residual` of the pressure solve is [`RESIDUAL`] unless given.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -131,7 +133,7 @@ fn consolidate(
     let held = dry::hold(state, dry::linear(), steps)?;
     let permeability = permeability(state).map_err(BenchError::Permeability)?;
     let viscosity = viscosity.unwrap_or(VISCOUS_NUMBER * permeability * DENSITY / state.dt);
-    let residual = residual.unwrap_or(Pores::default().residual);
+    let residual = residual.unwrap_or(RESIDUAL);
     let model = model(wall_stress(&state.domain)[5] + LOAD, viscosity, residual);
     state.grains.velocity.fill(DVec3::ZERO);
     state.grains.spin.fill(DVec3::ZERO);

@@ -183,7 +183,7 @@ impl Case {
             }
             Packing::Cloud(cloud) => self.make_cloud(cloud),
             Packing::File(file) => {
-                let path = self.folder.join(file);
+                let path = self.whereabouts(file);
                 let name = path.display().to_string();
                 let text =
                     import::read(&path).map_err(|e| self.source.fault("grains.packing.file", e.sentence))?;

@@ -10,6 +10,9 @@ use crate::pores::{Conductance, Coupling, Stepping};
 use crate::walls::Motion;
 use crate::watch::Every;
 
+/// Boxes beyond these lengths [m] would have volumes and conductances that a number cannot hold.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
+
 /// A range a number has to be in.
 #[derive(Clone, Copy)]
 pub(super) enum Range {
@@ -37,6 +40,11 @@ impl Case {
             let path = format!("domain.size.{k}");
             self.number(&path, self.domain.size[k], Range::Positive)
                 .map_err(|e| CaseError { sentence: format!("{} along {name}", e.sentence), ..e })?;
+            if !LENGTHS.contains(&self.domain.size[k]) {
+                let (least, most) = (LENGTHS.start(), LENGTHS.end());
+                let sentence = format!("the box is not between {least:e} m and {most:e} m long along {name}");
+                return Err(self.source.fault(&path, sentence));
+            }
         }
         self.check_packing()?;
         self.law("contact", &self.contact)?;

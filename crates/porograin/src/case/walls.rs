@@ -7,7 +7,7 @@ use crate::walls::motion::Servoed;
 use crate::walls::{self, Mesh, MeshError, Motion, Shape, Wall, stl};
 use glam::DVec3;
 use serde::Deserialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// A wall.
@@ -126,6 +126,16 @@ pub struct WallRule {
     pub glue: Option<bool>,
 }
 
+impl WallTable {
+    /// The file it is read from, if it is.
+    pub(super) fn file(&self) -> Option<&str> {
+        match &self.shape {
+            ShapeTable::Stl { file, .. } => Some(file),
+            _ => None,
+        }
+    }
+}
+
 impl Case {
     /// The walls as they are in stage `k`.
     pub(super) fn walls_in(&self, k: usize) -> Vec<Wall> {
@@ -150,23 +160,6 @@ impl Case {
     /// Their names, in order.
     pub fn wall_names(&self) -> Vec<String> {
         self.wall.iter().map(|wall| wall.name.clone()).collect()
-    }
-
-    /// The files that the walls are read from, as the case names them and where they are.
-    pub fn wall_files(&self) -> impl Iterator<Item = (&str, PathBuf)> {
-        self.wall.iter().filter_map(|wall| match &wall.shape {
-            ShapeTable::Stl { file, .. } => Some((file.as_str(), self.wall_file(file))),
-            _ => None,
-        })
-    }
-
-    /// Where an STL file is: where the case says, or, in the folder of a run, beside it.
-    fn wall_file(&self, file: &str) -> PathBuf {
-        let (named, beside) = (self.folder.join(file), Path::new(file).file_name());
-        match beside.map(|name| self.folder.join(name)) {
-            Some(beside) if !named.exists() && beside.exists() => beside,
-            _ => named,
-        }
     }
 
     /// Makes the surfaces of the walls.
@@ -221,7 +214,7 @@ impl Case {
             }
             ShapeTable::Stl { file, scale, origin } => {
                 self.number(&at("stl", "scale"), *scale, Range::Positive)?;
-                let path = self.wall_file(file);
+                let path = self.whereabouts(file);
                 let fault = |what: String| {
                     let sentence =
                         format!("cannot read the wall `{}` from {}: {what}", wall.name, path.display());
@@ -249,10 +242,8 @@ impl Case {
             if let ShapeTable::Stl { file, .. } = &wall.shape {
                 // A run keeps a copy of each, by its name.
                 let name = |file: &str| Path::new(file).file_name().map(|name| name.to_owned());
-                let other = self.wall_files().map(|(other, _)| other);
-                if let Some(other) =
-                    other.into_iter().find(|other| *other != file && name(other) == name(file))
-                {
+                let mut others = self.files().map(|(other, _)| other);
+                if let Some(other) = others.find(|other| *other != file && name(other) == name(file)) {
                     return self.refuse(
                         &at("shape.stl.file"),
                         format!(

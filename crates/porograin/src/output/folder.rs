@@ -11,7 +11,7 @@ use crate::state::State;
 use crate::watch::{Every, Measure, Snapshot, Watch};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,8 @@ pub struct Folder {
     written: Written,
     /// What `summary.json` says.
     pub summary: Summary,
+    /// Keeps other processes out as long as it is open.
+    _lock: File,
 }
 
 /// What a run writes, besides frames.
@@ -88,13 +90,28 @@ impl Folder {
                  with --out"
             )));
         }
+        if never_began(path) {
+            // A run that has only just begun holds it.
+            lock(path)?;
+        }
         let failed = |e: io::Error| FolderError(format!("cannot write into {shown}: {}", reason(&e)));
         fs::create_dir_all(path.join("vtk")).map_err(failed)?;
-        let case_text = format!("{SIGNATURE}{}.\n{}", env!("CARGO_PKG_VERSION"), case.text());
+        // A case from the folder of another run is signed already.
+        let unsigned = match case.text().split_once('\n') {
+            Some((first, rest)) if first.starts_with(SIGNATURE) => rest,
+            _ => case.text(),
+        };
+        let case_text = format!("{SIGNATURE}{}.\n{unsigned}", env!("CARGO_PKG_VERSION"));
         replace(&path.join("case.toml"), case_text.as_bytes()).map_err(failed)?;
-        for (named, found) in case.wall_files() {
+        let lock = lock(path)?;
+        for (named, found) in case.files() {
             let name = Path::new(named).file_name().unwrap_or(named.as_ref());
-            fs::copy(found, path.join(name)).map_err(failed)?;
+            if OURS.iter().any(|ours| name == *ours) {
+                return Err(FolderError(format!(
+                    "the run keeps a copy of {named}, but writes a file of that name itself: rename it"
+                )));
+            }
+            keep(&found, &path.join(name))?;
         }
         let measures = measures(&case.watch);
         let history = Table::create(&path.join("history.csv"), &heads(&measures, &case.wall_names()))
@@ -112,6 +129,7 @@ impl Folder {
             history,
             written,
             summary: Summary::new(&case.title),
+            _lock: lock,
         })
     }
 
@@ -128,6 +146,7 @@ impl Folder {
         })?;
         let case = Case::from_text(&case_path.display().to_string(), &case_text, path, &[])
             .map_err(|e| FolderError(e.to_string()))?;
+        let lock = lock(path)?;
         let checkpoint_path = path.join("checkpoint");
         let Checkpoint { state, progress, written } = Checkpoint::read(&checkpoint_path, &case_text)
             .map_err(|e| FolderError(format!("cannot resume from {}: {e}", checkpoint_path.display())))?;
@@ -136,7 +155,10 @@ impl Folder {
         let summary = fs::read_to_string(path.join("summary.json"))
             .ok()
             .and_then(|text| serde_json::from_str(&text).ok())
-            .unwrap_or_else(|| Summary::new(&case.title));
+            .unwrap_or_else(|| {
+                let warning = "summary.json was lost or damaged: what it said of earlier stages is gone";
+                Summary { warnings: vec![warning.into()], ..Summary::new(&case.title) }
+            });
         let folder = Folder {
             path: path.to_owned(),
             case_text,
@@ -148,6 +170,7 @@ impl Folder {
             history,
             written,
             summary,
+            _lock: lock,
         };
         let failed = |e: io::Error| FolderError(format!("cannot write into {shown}/vtk: {}", reason(&e)));
         folder.forget_later_frames().map_err(failed)?;
@@ -248,7 +271,7 @@ impl Folder {
         let number = self.written.frames.len();
         let put = |kind: Kind, bytes: Vec<u8>| {
             let path = self.path.join("vtk").join(kind.file(number));
-            fs::write(&path, bytes).map_err(|e| (path, e))
+            replace(&path, &bytes).map_err(|e| (path, e))
         };
         put(Kind::Grains, frame::grains(now))?;
         let (pores, grid) = (frame::pores(now), frame::grid(now));
@@ -371,6 +394,32 @@ impl Kind {
             Kind::Grid => "grid.pvd",
             Kind::Walls => "walls.pvd",
         }
+    }
+}
+
+/// Locks the run in the folder `path` against other processes, until the file is closed.
+fn lock(path: &Path) -> Result<File, FolderError> {
+    let (file, shown) = (path.join("case.toml"), path.display());
+    let held = File::open(&file)
+        .map_err(|e| FolderError(format!("cannot read {}: {}", file.display(), reason(&e))))?;
+    match held.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(FolderError(format!(
+            "{shown} belongs to a run that is going on: wait for it, or stop it first"
+        ))),
+        // A file system without locks is no reason to refuse.
+        _ => Ok(held),
+    }
+}
+
+/// Copies a file that the case names into the folder of its run; nothing is overwritten.
+fn keep(from: &Path, to: &Path) -> Result<(), FolderError> {
+    let failed =
+        |path: &Path, e: &io::Error| FolderError(format!("cannot copy {}: {}", path.display(), reason(e)));
+    let bytes = fs::read(from).map_err(|e| failed(from, &e))?;
+    match fs::read(to) {
+        Ok(there) if there == bytes => Ok(()),
+        Ok(_) => Err(failed(to, &io::ErrorKind::AlreadyExists.into())),
+        Err(_) => replace(to, &bytes).map_err(|e| failed(to, &e)),
     }
 }
 
