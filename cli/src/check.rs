@@ -34,7 +34,10 @@ fn show(implied: &Implied) {
         say!("stage {}", stage.name);
         say!("  time step {:.3e} s, limited by {}", stage.time_step, stage.cause);
         if let Some((steps, seconds)) = stage.steps.zip(stage.seconds) {
-            say!("  {steps} steps, about {} on one core", span(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)));
+            say!(
+                "  {steps} steps, about {} on one core",
+                span(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX))
+            );
         }
         if let Some(number) = stage.stiffness_number {
             say!("  stiffness number E/stress {number:.0}");

@@ -133,7 +133,7 @@ fn report(folder: &Folder) {
             );
         }
         if stage.free_level {
-            eprintln!("              no pressure is given anywhere: pressures count from their mean");
+            say!("              no pressure is given anywhere: pressures count from their mean");
         }
     }
     if let Some(seen) = &folder.summary.terzaghi {
