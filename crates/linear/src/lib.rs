@@ -19,9 +19,11 @@
 
 mod aggregate;
 mod cholesky;
+mod clusters;
 mod conjugate_gradients;
 mod eight;
 mod error;
+mod finest;
 mod gauss_seidel;
 mod matrix;
 mod multigrid;

@@ -182,7 +182,7 @@ impl Operator for &Matrix {
     }
 
     fn apply(&mut self, x: &[f64], y: &mut [f64]) {
-        vector::rows(y, |i| {
+        vector::each(y, |i| {
             let (columns, values) = self.row(i);
             let mut sum = self.diagonal[i] * x[i];
             for (&j, &a) in columns.iter().zip(values) {

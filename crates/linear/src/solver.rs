@@ -85,12 +85,11 @@ pub struct Setup {
 }
 
 /// Largest number of nodes [`Method::Auto`] factors. Factoring grows with the square of the number of nodes, a solve with
-/// its power 4/3. At 120 000 nodes (20 000 grains) factoring takes 1.3 s and a solve 10 ms, a multigrid iteration 20 ms;
-/// beyond this size the factor under construction passes a gigabyte.
+/// its power 4/3, a multigrid iteration linearly.
 const AUTO_CHOLESKY: usize = 300_000;
-/// Fewer expected solves than this do not repay a factorisation. A permeability (one) of 20 000 grains to 1e-10 takes 4 s by
-/// factoring and more than 25 s by the multigrid as it is.
-const AUTO_SOLVES: usize = 1;
+/// Fewer expected solves than this do not repay a factorisation: at 190 000 nodes it takes some 3 s, a multigrid solve to 1e-10 with
+/// its set-up 0.3 s.
+const AUTO_SOLVES: usize = 100;
 
 /// Over-relaxation of [`Method::GaussSeidel`].
 const RELAXATION: f64 = 1.9;

@@ -9,14 +9,8 @@ pub const CHUNK: usize = 4096;
 pub const ALONE: usize = 1 << 16;
 
 /// `y[i] = f(i)`.
-pub fn rows(y: &mut [f64], f: impl Fn(usize) -> f64 + Sync) {
-    if y.len() < ALONE {
-        y.iter_mut().enumerate().for_each(|(i, y)| *y = f(i));
-    } else {
-        y.par_chunks_mut(CHUNK).enumerate().for_each(|(c, y)| {
-            y.iter_mut().enumerate().for_each(|(k, y)| *y = f(c * CHUNK + k));
-        });
-    }
+pub fn each<T: Send>(y: &mut [T], f: impl Fn(usize) -> T + Sync) {
+    by_part(y, CHUNK, |start, y| y.iter_mut().enumerate().for_each(|(k, y)| *y = f(start + k)));
 }
 
 /// Scratch for the sums of the chunks.
@@ -128,25 +122,13 @@ pub fn power_below(r: &[f64]) -> Option<f64> {
     (largest > 0.0 && largest.is_finite()).then(|| largest.log2().floor().exp2().recip())
 }
 
-/// Calls `f(first, part)` on the parts of `y`, `length` entries each (the last one shorter), and adds up what it
-/// returns.
-pub fn fill<T: Send>(
-    y: &mut [T],
-    length: usize,
-    sums: &mut Vec<[f64; 3]>,
-    f: impl Fn(usize, &mut [T]) -> [f64; 3] + Sync,
-) -> [f64; 3] {
-    if y.len() <= length {
-        return f(0, y);
-    }
-    sums.resize(y.len().div_ceil(length), [0.0; 3]);
-    let part = |(k, (s, y)): (usize, (&mut [f64; 3], &mut [T]))| *s = f(k * length, y);
+/// Calls `f(first, part)` on the parts of `y`, `length` entries each (the last one shorter).
+pub fn by_part<T: Send>(y: &mut [T], length: usize, f: impl Fn(usize, &mut [T]) + Sync) {
     if y.len() < ALONE {
-        sums.iter_mut().zip(y.chunks_mut(length)).enumerate().for_each(part);
+        y.chunks_mut(length).enumerate().for_each(|(k, y)| f(k * length, y));
     } else {
-        sums.par_iter_mut().zip(y.par_chunks_mut(length)).enumerate().for_each(part);
+        y.par_chunks_mut(length).enumerate().for_each(|(k, y)| f(k * length, y));
     }
-    sums.iter().fold([0.0; 3], |t, s| std::array::from_fn(|k| t[k] + s[k]))
 }
 
 #[cfg(test)]

@@ -115,7 +115,7 @@ pub fn prepare(
         return Ok(());
     }
     system.prepared_for = memory.prepared_for;
-    system.solver.params_mut().tolerance = residual;
+    system.set_residual(residual);
     // Loads act on velocities for as long as the step is, or nearly so.
     let stored = system.stored(memory.prepared_for);
     let mut extra = vec![0.0; system.rhs.len()];

@@ -183,6 +183,11 @@ impl System {
         self.pinned
     }
 
+    /// Sets the relative residual at which solves stop.
+    pub fn set_residual(&mut self, residual: f64) {
+        self.solver.params_mut().tolerance = residual;
+    }
+
     /// Bytes, entries and seconds of the set-up.
     pub fn setup(&self) -> porograin_linear::Setup {
         self.solver.setup()
