@@ -160,8 +160,12 @@ fn report(folder: &Folder) {
             water.mass_drift
         );
         say!(
-            "              {} meshes made for their strain, {} for new rules; {} pores merged, {} throats closed, {} clamped",
+            "              {} meshes made for their strain ({} rebuilt, the others by {} flips and {} holes), {} for new rules; \
+             {} pores merged, {} throats closed, {} clamped",
             water.meshes_for_strain,
+            water.rebuilt,
+            water.flips,
+            water.holes,
             water.meshes_for_rules,
             water.merged,
             water.closed,

@@ -5,6 +5,7 @@ use crate::fluid;
 use crate::grains::Loads;
 use crate::pores::mesh::{Carried, FREE, Mesh};
 use glam::DVec3;
+use porograin_geometry::Repair;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -107,6 +108,15 @@ pub struct Budget {
     pub meshes_for_rules: u64,
     /// Meshes made because a pore had deformed too much.
     pub meshes_for_strain: u64,
+    /// Of these, triangulations built afresh because too much had changed.
+    #[serde(default)]
+    pub rebuilt: u64,
+    /// Flips by which the others followed the grains.
+    #[serde(default)]
+    pub flips: u64,
+    /// Holes refilled where flips did not help.
+    #[serde(default)]
+    pub holes: u64,
 }
 
 impl Budget {
@@ -125,7 +135,12 @@ impl Budget {
         self.iterations += report.iterations as u64;
         match new {
             Some(Cause::Rules) => self.meshes_for_rules += 1,
-            Some(Cause::Strain) => self.meshes_for_strain += 1,
+            Some(Cause::Strain(repair)) => {
+                self.meshes_for_strain += 1;
+                self.rebuilt += u64::from(repair.rebuilt);
+                self.flips += repair.flips as u64;
+                self.holes += repair.holes as u64;
+            }
             None => {}
         }
         if new.is_some() || self.steps == 1 {
@@ -157,8 +172,8 @@ impl Budget {
 pub enum Cause {
     /// Water came in, or a face changed its rule.
     Rules,
-    /// A pore had deformed too much.
-    Strain,
+    /// A pore had deformed too much; how the triangulation followed.
+    Strain(Repair),
 }
 
 /// A balance that is off.

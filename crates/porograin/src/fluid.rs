@@ -15,6 +15,7 @@ use crate::stability;
 use crate::state::State;
 use crate::step::StepError;
 use glam::DVec3;
+use porograin_geometry::Repair;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::triangulation::wall;
 use serde::{Deserialize, Serialize};
@@ -52,6 +53,8 @@ struct Made {
     at_step: u64,
     recipe: Recipe,
     mesh: Mesh,
+    /// How its triangulation came from the last one.
+    repair: Repair,
     system: System,
 }
 
@@ -64,6 +67,11 @@ impl Scratch {
     /// The mesh in use, once there is one.
     pub fn mesh(&self) -> Option<&Mesh> {
         self.made.as_ref().map(|made| &made.mesh)
+    }
+
+    /// How the triangulation of the mesh in use came from the one before.
+    pub fn repair(&self) -> Repair {
+        self.made.as_ref().map(|made| made.repair).unwrap_or_default()
     }
 
     /// Mean excess pressure at 13 heights along an axis [Pa], while there is water.
@@ -268,7 +276,7 @@ fn make(
         Packing { cell: &water.mesh_cell, position: &water.mesh_position, radius: &state.grains.radius };
     // From the last one, if there is one: repaired or built at once, the bits are the same.
     let mut triangulation = scratch.made.take().map(|made| made.mesh.triangulation).unwrap_or_default();
-    triangulation
+    let repair = triangulation
         .repair(packing.cell, packing.position, packing.radius)
         .map_err(|error| StepError::Fluid(format!("the pores cannot be meshed: {error}")))?;
     let mut mesh =
@@ -285,7 +293,7 @@ fn make(
         _ => System::new(&mesh, method, residual, EXPECTED_SOLVES),
     }
     .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
-    scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, system });
+    scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, repair, system });
     Ok(())
 }
 

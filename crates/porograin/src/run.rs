@@ -218,7 +218,10 @@ impl Simulation {
         }
         if let (Some(water), Some(mesh)) = (&report.water, self.work.fluid.mesh()) {
             let new = self.state.pores().is_some_and(|water| water.made_at_step + 1 == self.state.step);
-            let cause = if report.remeshed.is_some() { Cause::Strain } else { Cause::Rules };
+            let cause = match report.remeshed {
+                Some(_) => Cause::Strain(self.work.fluid.repair()),
+                None => Cause::Rules,
+            };
             self.progress
                 .budget
                 .add(water, mesh, new.then_some(cause), report.dt)
