@@ -131,6 +131,10 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     (
+        "rules of points in the water",
+        &[("pressure", "the excess pressure is given"), ("source", "what comes in is given")],
+    ),
+    (
         "boundary rules, slip",
         &[("symmetry", "the wall is a mirror for the water"), ("no-slip", "the water sticks to the wall")],
     ),

@@ -8,9 +8,12 @@ use crate::model::{Flow, FluidModel, Model, TimeStep};
 use crate::motion::pistons;
 use crate::permeability;
 use crate::pores::carry::{Former, former_nodes};
-use crate::pores::mesh::{Carried, Mesh, Walls};
+use crate::pores::mesh::{BLOCKED, Carried, Mesh, POINT, Walls};
 use crate::pores::store::{self, Store};
-use crate::pores::{Coupling, Memory, PoreState, Pores, Recipe, Stepping, System, geometric, viscous};
+use crate::pores::{
+    Coupling, Memory, Places, Point, PointWater, PoreState, Pores, Recipe, Stepping, System, geometric,
+    viscous,
+};
 use crate::stability;
 use crate::state::State;
 use crate::step::StepError;
@@ -42,6 +45,8 @@ const LOOK_EVERY: u64 = 10;
 pub struct Scratch {
     made: Option<Made>,
     carried: Carried,
+    /// What comes in through each face with an inflow, at the last step [m³/s].
+    entering: [f64; 6],
     implicit: Foreseen,
     /// Of the grid.
     pub darcy: darcy::Scratch,
@@ -87,6 +92,32 @@ impl Scratch {
             }
             Fluid::Darcy(water) => Some(self.darcy.grid()?.profile(&water.pressure, axis)),
         }
+    }
+
+    /// Water that left through each face in the last step [m³/s]: through throats, given to pores at a face with a pressure or
+    /// pushed out of them by grains; less what came in through a face with an inflow.
+    pub fn outflow(&self, state: &State) -> Option<[f64; 6]> {
+        let (mesh, water) = (self.mesh()?, state.pores()?);
+        let into = permeability::fluxes(mesh, &water.pressure);
+        let mut out: [f64; 6] = std::array::from_fn(|face| -into[face] - self.entering[face]);
+        let mut moved = Carried::default();
+        let carried = match (&water.implicit, &water.store) {
+            (None, _) => &self.carried,
+            (Some(_), Some(_)) => self.implicit.last(),
+            // The velocities after an implicit step are those that the pressures fit.
+            (Some(_), None) => {
+                moved.source.clone_from(&self.implicit.last().source);
+                let State { grains, domain, .. } = state;
+                mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut moved);
+                &moved
+            }
+        };
+        for (&held, rate) in mesh.held.iter().zip(&carried.node) {
+            if let Some(out) = out.get_mut(held as usize) {
+                *out -= rate;
+            }
+        }
+        Some(out)
     }
 
     /// Whether only differences of the pores' pressures are known: the water is incompressible and no pressure is given.
@@ -161,6 +192,7 @@ fn recipe(model: &Model, fluid: &FluidModel, pores: &Pores) -> Recipe {
         coupling: pores.coupling,
         viscosity: fluid.viscosity,
         bulk_modulus: fluid.bulk_modulus,
+        places: Places::new(&pores.point, &pores.blocked),
     }
 }
 
@@ -181,7 +213,7 @@ fn renew(
     let empty = |interval| Store { surplus: Vec::new(), void: 0.0, interval };
     let store = recipe.bulk_modulus.map(|_| empty(longest()));
     state.fluid = Some(Fluid::Pores(PoreState {
-        recipe: *recipe,
+        recipe: recipe.clone(),
         made_at_step: state.step,
         mesh_position: state.grains.position.clone(),
         mesh_cell: state.domain.cell,
@@ -215,6 +247,10 @@ fn renew(
         let carry = |from: &[f64]| nodes.iter().map(|&node| from[node as usize]).collect();
         water.pressure = carry(&old.pressure);
         water.before = [carry(&old.before[0]), carry(&old.before[1])];
+    }
+    for (node, _) in made.mesh.held.iter().enumerate().filter(|(_, held)| **held == BLOCKED) {
+        water.pressure[node] = 0.0;
+        water.before.iter_mut().for_each(|before| before[node] = 0.0);
     }
     if let Some(store) = &mut water.store {
         let known =
@@ -284,6 +320,7 @@ fn make(
     if recipe.coupling == Coupling::Geometric {
         geometric::couple(&mut mesh, packing, &recipe.walls, recipe.conductance);
     }
+    recipe.places.apply(packing, &mut mesh);
     let (method, residual) = (pores.solver.method(), pores.residual);
     let system = match (recipe.bulk_modulus, &water.store) {
         (Some(bulk_modulus), Some(store)) => {
@@ -293,7 +330,7 @@ fn make(
         _ => System::new(&mesh, method, residual, EXPECTED_SOLVES),
     }
     .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
-    scratch.made = Some(Made { at_step: water.made_at_step, recipe: *recipe, mesh, repair, system });
+    scratch.made = Some(Made { at_step: water.made_at_step, recipe: recipe.clone(), mesh, repair, system });
     Ok(())
 }
 
@@ -313,8 +350,8 @@ fn cannot_solve(error: porograin_linear::Error, mesh: &Mesh, grains: &Grains) ->
         vertices.filter(|&&v| wall(v).is_none()).map(|&v| grains.id[v as usize].to_string()).collect()
     });
     StepError::Fluid(format!(
-        "{} pores, one of them between the grains {}, are cut off from every face with an imposed pressure: overlapping \
-         grains close all throats around them",
+        "{} pores, one of them between the grains {}, are cut off from every place with an imposed pressure: overlapping \
+         grains or blocked regions close all throats around them",
         nodes.len(),
         around.join(", ")
     ))
@@ -332,7 +369,7 @@ pub fn advance(
     dt: f64,
     scratch: &mut Scratch,
 ) -> Result<Option<Report>, StepError> {
-    let Scratch { made, carried, implicit: foreseen, darcy } = scratch;
+    let Scratch { made, carried, entering, implicit: foreseen, darcy, .. } = scratch;
     foreseen.clear();
     if state.grid().is_some() {
         return coarse::advance(loads, state, model, dt, darcy);
@@ -359,7 +396,8 @@ pub fn advance(
     mesh.hold(|face, x| imposed(&model.faces[face].water, x, time), &mut water.pressure)
         .map_err(|place| no_value(place, time))?;
     let sources = if implicit { foreseen.sources() } else { &mut carried.source };
-    inflow(mesh, &model.faces, time, sources).map_err(|place| no_value(place, time))?;
+    *entering = inflow(mesh, &model.faces, time, sources).map_err(|place| no_value(place, time))?;
+    points(mesh, &pores.point, time, &mut water.pressure, sources).map_err(|place| no_value(place, time))?;
     let pressure = &mut water.pressure;
     let failed = |error| cannot_solve(error, mesh, grains);
     if let Some(store) = &mut water.store {
@@ -403,14 +441,15 @@ fn imposed(rule: &Water, x: DVec3, time: f64) -> f64 {
     }
 }
 
-/// What comes in through the faces into each node [m³/s], nothing if no face has an inflow.
+/// What comes in through the faces into each node [m³/s], nothing if no face has an inflow; returns the sum of each face.
 ///
 /// # Errors
 /// The first place where it has no value.
-fn inflow(mesh: &Mesh, faces: &[Face; 6], time: f64, source: &mut Vec<f64>) -> Result<(), DVec3> {
+fn inflow(mesh: &Mesh, faces: &[Face; 6], time: f64, source: &mut Vec<f64>) -> Result<[f64; 6], DVec3> {
     source.clear();
+    let mut sums = [0.0; 6];
     if !faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
-        return Ok(());
+        return Ok(sums);
     }
     source.resize(mesh.nodes(), 0.0);
     for side in &mesh.wall_faces {
@@ -421,6 +460,37 @@ fn inflow(mesh: &Mesh, faces: &[Face; 6], time: f64, source: &mut Vec<f64>) -> R
                 return Err(mesh.centre[pore]);
             }
             source[mesh.node[pore] as usize] += side.area * rate;
+            sums[side.face as usize] += side.area * rate;
+        }
+    }
+    Ok(sums)
+}
+
+/// Holds the pressures of points, and adds what their sources give [m³/s].
+///
+/// # Errors
+/// The first point without a value.
+fn points(
+    mesh: &Mesh,
+    points: &[Point],
+    time: f64,
+    pressure: &mut [f64],
+    source: &mut Vec<f64>,
+) -> Result<(), DVec3> {
+    for (&node, point) in mesh.points.iter().zip(points) {
+        let (node, at) = (node as usize, DVec3::from_array(point.at));
+        let value = point.water.signal().field(at, time);
+        if !value.is_finite() {
+            return Err(at);
+        }
+        match point.water {
+            // A blocked pore has no water to hold.
+            PointWater::Pressure(_) if mesh.held[node] == POINT => pressure[node] = value,
+            PointWater::Pressure(_) => {}
+            PointWater::Source(_) => {
+                source.resize(mesh.nodes(), 0.0);
+                source[node] += value;
+            }
         }
     }
     Ok(())
@@ -428,7 +498,7 @@ fn inflow(mesh: &Mesh, faces: &[Face; 6], time: f64, source: &mut Vec<f64>) -> R
 
 fn no_value(place: DVec3, time: f64) -> StepError {
     StepError::Fluid(format!(
-        "the pressure or the inflow that a face imposes at ({}, {}, {}) m has no value {time} s after the stage began: \
+        "what is imposed on the water at ({}, {}, {}) m has no value {time} s after the stage began: \
          check its formula there",
         place.x, place.y, place.z
     ))

@@ -1,10 +1,10 @@
 //! What the case says: values that never change during a step.
 
-use crate::boundary::Face;
+use crate::boundary::{Face, Water};
 use crate::cell::CellRule;
 use crate::contact::Laws;
 use crate::darcy::Darcy;
-use crate::pores::Pores;
+use crate::pores::{PointWater, Pores};
 use crate::walls::Wall;
 use glam::DVec3;
 use serde::Deserialize;
@@ -43,6 +43,19 @@ pub enum TimeStep {
     },
     /// Always this long [s].
     Fixed(f64),
+}
+
+impl Model {
+    /// Whether some pressure of the water is given, at a face or a point: otherwise incompressible water knows
+    /// differences of pressure only.
+    pub fn has_pressure(&self) -> bool {
+        let point = |fluid: &FluidModel| match &fluid.flow {
+            Flow::Pores(pores) => pores.point.iter().any(|p| matches!(p.water, PointWater::Pressure(_))),
+            Flow::Darcy(_) => false,
+        };
+        self.faces.iter().any(|face| matches!(face.water, Water::Pressure(_)))
+            || self.fluid.as_ref().is_some_and(point)
+    }
 }
 
 impl Default for TimeStep {

@@ -10,7 +10,6 @@ use crate::pores::{Conductance, Coupling, Solver, System, geometric};
 use glam::DVec3;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::{Cell, Triangulation, TriangulationError};
-use porograin_linear::FIXED;
 use std::fmt;
 use std::time::Instant;
 
@@ -217,11 +216,11 @@ pub fn fluxes(mesh: &Mesh, pressure: &[f64]) -> [f64; 6] {
     for (&[i, j], &g) in mesh.links.iter().zip(&mesh.conductance) {
         let (i, j) = (i as usize, j as usize);
         let flux = g * (pressure[i] - pressure[j]);
-        if mesh.unknown[i] == FIXED {
-            flow[mesh.held[i] as usize] += flux;
-        }
-        if mesh.unknown[j] == FIXED {
-            flow[mesh.held[j] as usize] -= flux;
+        // Points and blocked pores hold nodes too, but are no faces.
+        for (node, flux) in [(i, flux), (j, -flux)] {
+            if let Some(flow) = flow.get_mut(mesh.held[node] as usize) {
+                *flow += flux;
+            }
         }
     }
     flow

@@ -5,7 +5,6 @@ use crate::fluid;
 use crate::grains::Loads;
 use crate::measure;
 use crate::model::Model;
-use crate::permeability;
 use crate::pores::Mesh;
 use crate::progress::Began;
 use crate::state::State;
@@ -324,8 +323,7 @@ impl Measure {
                 if now.grid().is_some() {
                     return Some(now.water.darcy.flows.outflow.to_vec());
                 }
-                let (mesh, pressure) = now.pores()?;
-                permeability::fluxes(mesh, pressure).iter().map(|flux| -flux).collect()
+                now.water.outflow(now.state)?.to_vec()
             }
         })
     }

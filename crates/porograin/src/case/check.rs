@@ -6,9 +6,10 @@ use crate::contact::{Law, Restitution};
 use crate::darcy::{Cells, Darcy, Permeability, Transfer};
 use crate::model::{Flow, TimeStep};
 use crate::output::plot;
-use crate::pores::{Conductance, Coupling, Stepping};
+use crate::pores::{Conductance, Coupling, PointWater, Pores, Stepping};
 use crate::walls::Motion;
 use crate::watch::Every;
+use glam::DVec3;
 
 /// Boxes beyond these lengths [m] would have volumes and conductances that a number cannot hold.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
@@ -209,12 +210,15 @@ impl Case {
     fn inflow(&self, k: usize) -> Result<(), CaseError> {
         let model = self.model(k, 0.0);
         let Some(fluid) = &model.fluid else { return Ok(()) };
-        if !model.faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
+        let source = match &fluid.flow {
+            Flow::Pores(pores) => pores.point.iter().any(|p| matches!(p.water, PointWater::Source(_))),
+            Flow::Darcy(_) => false,
+        };
+        if !source && !model.faces.iter().any(|face| matches!(face.water, Water::Inflow(_))) {
             return Ok(());
         }
         let name = &self.stage[k].name;
-        let open = model.faces.iter().any(|face| matches!(face.water, Water::Pressure(_)));
-        if fluid.bulk_modulus.is_none() && !open {
+        if fluid.bulk_modulus.is_none() && !model.has_pressure() {
             let sentence = format!(
                 "in the stage `{name}` water comes in at a given rate, but it is incompressible and no face has a pressure"
             );
@@ -230,7 +234,7 @@ impl Case {
     fn sealed(&self, k: usize) -> Result<(), CaseError> {
         let model = self.model(k, 0.0);
         let Some(fluid) = &model.fluid else { return Ok(()) };
-        if fluid.bulk_modulus.is_some() || model.faces.iter().any(|f| matches!(f.water, Water::Pressure(_))) {
+        if fluid.bulk_modulus.is_some() || model.has_pressure() {
             return Ok(());
         }
         for (index, face) in model.faces.iter().enumerate() {
@@ -416,6 +420,7 @@ impl Case {
                 }
                 let path_implicit = format!("{path}.pores.implicit-residual");
                 self.number(&path_implicit, pores.implicit_residual, Range::Positive)?;
+                self.places(&format!("{path}.pores"), pores)?;
                 if pores.coupling == Coupling::Geometric && pores.step == Stepping::Implicit {
                     return self.refuse(
                         &format!("{path}.pores.step"),
@@ -427,6 +432,38 @@ impl Case {
             }
             Flow::Darcy(darcy) => self.darcy(&format!("{path}.darcy"), darcy),
         }
+    }
+
+    /// Points lie in the box and outside blocked regions, which have an inside.
+    fn places(&self, path: &str, pores: &Pores) -> Result<(), CaseError> {
+        for (k, block) in pores.blocked.iter().enumerate() {
+            if let Some(axis) = (0..3).find(|&a| block.from[a] >= block.to[a]) {
+                return self.refuse(
+                    &format!("{path}.blocked.{k}"),
+                    format!("the blocked region ends along {} before it begins", ["x", "y", "z"][axis]),
+                );
+            }
+        }
+        let (lower, upper) = self.corners();
+        for (k, point) in pores.point.iter().enumerate() {
+            let (place, at) = (format!("{path}.point.{k}.at"), DVec3::from_array(point.at));
+            if !(lower.cmple(at).all() && at.cmple(upper).all()) {
+                return self
+                    .refuse(&place, format!("the point ({}, {}, {}) is outside the box", at.x, at.y, at.z));
+            }
+            if pores.blocked.iter().any(|block| block.contains(at)) {
+                return self.refuse(
+                    &place,
+                    format!("the point ({}, {}, {}) is in a blocked region", at.x, at.y, at.z),
+                );
+            }
+            let kind = match &point.water {
+                PointWater::Pressure(_) => "pressure",
+                PointWater::Source(_) => "source",
+            };
+            self.signal(&format!("{path}.point.{k}.water.{kind}"), point.water.signal())?;
+        }
+        Ok(())
     }
 
     fn darcy(&self, path: &str, darcy: &Darcy) -> Result<(), CaseError> {

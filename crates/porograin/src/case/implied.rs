@@ -1,7 +1,7 @@
 //! What the numbers of a case imply, before anything is simulated. Estimates, each with its formula.
 
 use super::{Case, CaseError, Plan};
-use crate::boundary::{Signal, Solid, Water};
+use crate::boundary::{Signal, Solid};
 use crate::darcy;
 use crate::fluid;
 use crate::model::{Flow, Model, TimeStep};
@@ -138,8 +138,7 @@ impl Case {
                         consolidation: 0.25 * height * height * fluid.viscosity
                             / (permeability * young / 4.0),
                         shortens,
-                        free_level: fluid.bulk_modulus.is_none()
-                            && !model.faces.iter().any(|face| matches!(face.water, Water::Pressure(_))),
+                        free_level: fluid.bulk_modulus.is_none() && !model.has_pressure(),
                         implicit: match &fluid.flow {
                             Flow::Pores(pores) => match pores.step {
                                 Stepping::Auto => shortens > fluid::PAYS,

@@ -70,6 +70,11 @@ impl Foreseen {
         motion::foresee(state, model, loads, felt, dt, &mut self.velocities);
     }
 
+    /// What was last found to move out of the nodes.
+    pub fn last(&self) -> &Carried {
+        &self.carried
+    }
+
     /// What is given into each node from outside [m³/s].
     pub fn sources(&mut self) -> &mut Vec<f64> {
         &mut self.carried.source

@@ -20,6 +20,10 @@ const COINCIDENT: f64 = 1e-4;
 
 /// The node is free: no face holds its pressure.
 pub const FREE: u8 = u8::MAX;
+/// The node lets no water through.
+pub const BLOCKED: u8 = u8::MAX - 1;
+/// A point holds the pressure of the node.
+pub const POINT: u8 = u8::MAX - 2;
 
 /// What the six walls are to the water.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,6 +49,9 @@ pub struct Census {
     pub closed: usize,
     /// Throats outside the range that their conductance is calibrated for: they count as one at its end.
     pub clamped: usize,
+    /// Nodes that let no water through because the case says so.
+    #[serde(default)]
+    pub blocked: usize,
 }
 
 /// The face of a pore on a wall.
@@ -73,10 +80,12 @@ pub struct Mesh {
     pub void: Vec<f64>,
     /// Whether the pressure is imposed at each face of the box.
     pub open: [bool; 6],
-    /// The face that holds the pressure of each node, or [`FREE`].
+    /// The face that holds the pressure of each node, or [`POINT`], [`BLOCKED`], [`FREE`].
     pub held: Vec<u8>,
     /// Each held node and where its pressure lives [m].
     pub holds: Vec<(u32, DVec3)>,
+    /// The node of each point that has a rule of its own.
+    pub points: Vec<u32>,
     /// The number of each node among the free ones, or [`FIXED`].
     pub unknown: Vec<u32>,
     /// Number of free nodes.
@@ -207,6 +216,7 @@ impl Mesh {
             node,
             open: walls.open,
             holds: Vec::new(),
+            points: Vec::new(),
             held,
             unknown,
             unknowns,

@@ -7,6 +7,7 @@ pub mod geometric;
 pub mod images;
 pub mod implicit;
 pub mod mesh;
+pub mod places;
 pub mod pressure;
 pub mod store;
 pub mod viscous;
@@ -14,6 +15,7 @@ pub mod viscous;
 pub use conductance::Conductance;
 pub use implicit::Memory;
 pub use mesh::{Census, Mesh, Walls};
+pub use places::{Block, Places, Point, PointWater};
 pub use pressure::System;
 pub use store::Store;
 
@@ -22,7 +24,7 @@ use porograin_geometry::Cell;
 use serde::{Deserialize, Serialize};
 
 /// Settings of the pore-scale flow.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
 pub struct Pores {
     /// How a throat conducts.
@@ -41,6 +43,10 @@ pub struct Pores {
     pub step: Stepping,
     /// Relative residual of the solve of an implicit step.
     pub implicit_residual: f64,
+    /// Points with a pressure or a source.
+    pub point: Vec<Point>,
+    /// Regions that let no water through.
+    pub blocked: Vec<Block>,
 }
 
 impl Default for Pores {
@@ -53,6 +59,8 @@ impl Default for Pores {
             solver: Solver::Auto,
             step: Stepping::Auto,
             implicit_residual: implicit::RESIDUAL,
+            point: Vec::new(),
+            blocked: Vec::new(),
         }
     }
 }
@@ -123,7 +131,7 @@ impl Solver {
 }
 
 /// What a mesh is made of, besides grains; a change of any of it calls for a new one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recipe {
     /// What the walls are to the water.
     pub walls: Walls,
@@ -135,6 +143,8 @@ pub struct Recipe {
     pub viscosity: f64,
     /// Bulk modulus of the water [Pa]; `None`: incompressible.
     pub bulk_modulus: Option<f64>,
+    /// Points and blocked regions.
+    pub places: Places,
 }
 
 /// What a restart needs of the water: the mesh is made again from the grains as they were when it was made.

@@ -1,7 +1,7 @@
 //! The pressures: `G p = -Sᵀ (v, spin) + G_D p_D` (Catalano 4.4 corrected), free nodes on the left, held ones on
 //! the right.
 
-use super::mesh::Mesh;
+use super::mesh::{BLOCKED, FREE, Mesh};
 use porograin_linear::{Error, FIXED, Info, Matrix, Method, Params, Solver};
 
 /// Gauss-Seidel gives up after so many sweeps; their number grows with that of the grains.
@@ -13,8 +13,8 @@ pub struct System {
     pub(super) solver: Solver,
     pub(super) rhs: Vec<f64>,
     pub(super) free: Vec<f64>,
-    /// No face holds a pressure: one node is held at zero for the solve, then the mean is taken out.
-    pinned: bool,
+    /// Nothing holds a pressure: this node is held at zero for the solve, then the mean is taken out.
+    pinned: Option<usize>,
     pub(super) unknown: Vec<u32>,
     /// `V_f / K_f` of each node [m³/Pa]; empty where the water is incompressible.
     pub(super) capacity: Vec<f64>,
@@ -46,13 +46,15 @@ impl System {
         capacity: Vec<f64>,
         interval: f64,
     ) -> Result<System, Error> {
-        let pinned = mesh.unknowns == mesh.nodes() && capacity.is_empty();
+        let closed = mesh.held.iter().all(|held| matches!(*held, FREE | BLOCKED));
         let mut unknown = mesh.unknown.clone();
-        if pinned && !unknown.is_empty() {
-            unknown[0] = FIXED;
-            unknown[1..].iter_mut().for_each(|u| *u -= 1);
+        let first = unknown.iter().position(|&u| u != FIXED);
+        let pinned = first.filter(|_| closed && capacity.is_empty());
+        if let Some(first) = pinned {
+            unknown[first] = FIXED;
+            unknown[first + 1..].iter_mut().filter(|u| **u != FIXED).for_each(|u| *u -= 1);
         }
-        let unknowns = mesh.unknowns - usize::from(pinned && !unknown.is_empty());
+        let unknowns = mesh.unknowns - usize::from(pinned.is_some());
         let ends: Vec<[u32; 2]> = mesh.links.iter().map(|link| link.map(|n| unknown[n as usize])).collect();
         let stored = stored(&capacity, &unknown, unknowns, interval);
         let matrix = Matrix::new(unknowns, &ends, &mesh.conductance, &stored)?;
@@ -135,14 +137,14 @@ impl System {
 
     /// The right-hand side `-carried + G_D p_D` and the start of a solve from the pressures of all nodes.
     pub(super) fn gather(&mut self, mesh: &Mesh, carried: &[f64], pressure: &[f64]) {
-        let level = if self.pinned { pressure.first().copied().unwrap_or(0.0) } else { 0.0 };
+        let level = self.pinned.map_or(0.0, |node| pressure[node]);
         for (node, &unknown) in self.unknown.iter().enumerate() {
             if unknown != FIXED {
                 self.rhs[unknown as usize] = -carried[node];
                 self.free[unknown as usize] = pressure[node] - level;
             }
         }
-        if !self.pinned {
+        if self.pinned.is_none() {
             for (&[i, j], &g) in mesh.links.iter().zip(&mesh.conductance) {
                 let [u, v] = [self.unknown[i as usize], self.unknown[j as usize]];
                 if u == FIXED && v != FIXED {
@@ -161,26 +163,15 @@ impl System {
                 pressure[node] = self.free[unknown as usize];
             }
         }
-        if self.pinned {
-            self.take_out_mean(mesh, pressure);
+        if let Some(first) = self.pinned {
+            pressure[first] = 0.0;
+            take_out_mean(mesh, pressure);
         }
-    }
-
-    fn take_out_mean(&self, mesh: &Mesh, pressure: &mut [f64]) {
-        if let Some(first) = pressure.first_mut() {
-            *first = 0.0;
-        }
-        let (mut sum, mut volume) = (0.0, 0.0);
-        for (pore, &node) in mesh.node.iter().enumerate() {
-            sum += mesh.volume[pore] * pressure[node as usize];
-            volume += mesh.volume[pore];
-        }
-        pressure.iter_mut().for_each(|p| *p -= sum / volume);
     }
 
     /// Whether the level of the pressures is free: their mean is then set to zero.
     pub fn free_level(&self) -> bool {
-        self.pinned
+        self.pinned.is_some()
     }
 
     /// Sets the relative residual at which solves stop.
@@ -191,6 +182,22 @@ impl System {
     /// Bytes, entries and seconds of the set-up.
     pub fn setup(&self) -> porograin_linear::Setup {
         self.solver.setup()
+    }
+}
+
+/// Makes the mean over the volume of the free nodes zero.
+fn take_out_mean(mesh: &Mesh, pressure: &mut [f64]) {
+    let (mut sum, mut volume) = (0.0, 0.0);
+    for (pore, &node) in mesh.node.iter().enumerate() {
+        if mesh.held[node as usize] == FREE {
+            sum += mesh.volume[pore] * pressure[node as usize];
+            volume += mesh.volume[pore];
+        }
+    }
+    for (pressure, held) in pressure.iter_mut().zip(&mesh.held) {
+        if *held == FREE {
+            *pressure -= sum / volume;
+        }
     }
 }
 
