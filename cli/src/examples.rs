@@ -47,12 +47,62 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "10-collision",
+        about: "two grains collide: momentum and restitution",
+        files: &[
+            ("case.toml", include_str!("../../examples/10-collision/case.toml")),
+            ("grains.csv", include_str!("../../examples/10-collision/grains.csv")),
+            ("README.md", include_str!("../../examples/10-collision/README.md")),
+            ("energy.svg", include_str!("../../examples/10-collision/energy.svg")),
+        ],
+    },
+    Example {
+        name: "11-sliding-to-rolling",
+        about: "a sphere thrown along a floor slides until it rolls",
+        files: &[
+            ("case.toml", include_str!("../../examples/11-sliding-to-rolling/case.toml")),
+            ("grain.csv", include_str!("../../examples/11-sliding-to-rolling/grain.csv")),
+            ("README.md", include_str!("../../examples/11-sliding-to-rolling/README.md")),
+            ("speed.svg", include_str!("../../examples/11-sliding-to-rolling/speed.svg")),
+        ],
+    },
+    Example {
+        name: "13-triaxial",
+        about: "triaxial compression of a dense (case.toml) and a loose sample (loose.toml): peak, dilation, one critical state",
+        files: &[
+            ("case.toml", include_str!("../../examples/13-triaxial/case.toml")),
+            ("loose.toml", include_str!("../../examples/13-triaxial/loose.toml")),
+            ("README.md", include_str!("../../examples/13-triaxial/README.md")),
+            ("curves.svg", include_str!("../../examples/13-triaxial/curves.svg")),
+        ],
+    },
+    Example {
+        name: "15-oedometer-unload",
+        about: "a dry sample is loaded and unloaded: a small load (case.toml), a large one (large.toml)",
+        files: &[
+            ("case.toml", include_str!("../../examples/15-oedometer-unload/case.toml")),
+            ("large.toml", include_str!("../../examples/15-oedometer-unload/large.toml")),
+            ("README.md", include_str!("../../examples/15-oedometer-unload/README.md")),
+            ("small.svg", include_str!("../../examples/15-oedometer-unload/small.svg")),
+            ("large.svg", include_str!("../../examples/15-oedometer-unload/large.svg")),
+        ],
+    },
+    Example {
         name: "17-simple-shear",
         about: "a periodic sample without walls is sheared under constant normal stress: peak, dilation, critical state",
         files: &[
             ("case.toml", include_str!("../../examples/17-simple-shear/case.toml")),
             ("README.md", include_str!("../../examples/17-simple-shear/README.md")),
             ("shear.svg", include_str!("../../examples/17-simple-shear/shear.svg")),
+        ],
+    },
+    Example {
+        name: "18-frictionless",
+        about: "isotropic compression without friction: six contacts per grain, solid fraction 0.64",
+        files: &[
+            ("case.toml", include_str!("../../examples/18-frictionless/case.toml")),
+            ("README.md", include_str!("../../examples/18-frictionless/README.md")),
+            ("jamming.svg", include_str!("../../examples/18-frictionless/jamming.svg")),
         ],
     },
     Example {

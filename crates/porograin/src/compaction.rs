@@ -38,7 +38,15 @@ impl Default for Compaction {
     }
 }
 
+/// Below this part of the stage's friction nothing is left to give way.
+const FRICTIONLESS: f64 = 1e-4;
+
 impl Compaction {
+    /// Whether the sample rests too loose with hardly any friction left.
+    pub fn is_stuck(&self) -> bool {
+        !self.reached && self.friction < FRICTIONLESS
+    }
+
     /// Takes note of the porosity, and of whether the sample rests.
     pub fn look(&mut self, rule: &Compact, porosity: f64, rests: bool) {
         if self.reached {

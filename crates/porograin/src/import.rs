@@ -1,4 +1,5 @@
-//! Grains from a CSV file: one line `x,y,z,r` per grain [m]; lines that start with `#` and a line of names are skipped.
+//! Grains from a CSV file: one line `x,y,z,r` per grain [m], or `x,y,z,r,vx,vy,vz` with its velocity [m/s]; lines that
+//! start with `#` and a line of names are skipped.
 
 use crate::case::{BYTE_ORDER_MARK, CaseError, Place, reason};
 use glam::DVec3;
@@ -16,6 +17,8 @@ pub struct Spheres {
     pub position: Vec<DVec3>,
     /// Radii [m].
     pub radius: Vec<f64>,
+    /// Velocities [m/s], zero where the file has none.
+    pub velocity: Vec<DVec3>,
     /// Line of each grain in the file, from 1.
     pub line: Vec<usize>,
 }
@@ -34,7 +37,7 @@ pub fn read(path: &std::path::Path) -> Result<String, CaseError> {
 /// Reads the text of a file called `name`.
 ///
 /// # Errors
-/// A line that is not four finite numbers with a positive radius, no grain at all, or a grain whose centre lies
+/// A line that is not four or seven finite numbers with a positive radius, no grain at all, or a grain whose centre lies
 /// inside another one.
 pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
     let mut spheres = Spheres::default();
@@ -52,14 +55,14 @@ pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
             hint: None,
             place: Some(Box::new(Place::in_file(name, text, start + from..start + from + length))),
         };
-        let mut values = [0.0_f64; 4];
+        let mut values = [0.0_f64; 7];
         let mut count = 0;
         let mut column = 0;
         for field in line.trim_end().split(',') {
             let word = field.trim();
             let from = column + field.find(word).unwrap_or(0);
             column += field.len() + 1;
-            if count < 4 {
+            if count < values.len() {
                 values[count] = word
                     .parse()
                     .map_err(|_| fault(from, word.len(), format!("expected a number, found `{word}`")))?;
@@ -76,16 +79,17 @@ pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
             }
             count += 1;
         }
-        if count != 4 {
+        if count != 4 && count != 7 {
             let numbers = if count == 1 { "number" } else { "numbers" };
             return Err(fault(
                 0,
                 line.trim_end().len(),
-                format!("a grain is 4 numbers x,y,z,r, this line has {count} {numbers}"),
+                format!("a grain is 4 numbers x,y,z,r, or 7 with vx,vy,vz, this line has {count} {numbers}"),
             ));
         }
         spheres.position.push(DVec3::new(values[0], values[1], values[2]));
         spheres.radius.push(values[3]);
+        spheres.velocity.push(DVec3::new(values[4], values[5], values[6]));
         spheres.line.push(k + 1);
     }
     if spheres.radius.is_empty() {
@@ -206,7 +210,7 @@ impl Spheres {
 
 fn is_heading(line: &str) -> bool {
     let names: Vec<String> = line.split(',').map(|w| w.trim().to_lowercase()).collect();
-    names == ["x", "y", "z", "r"]
+    names == ["x", "y", "z", "r"] || names == ["x", "y", "z", "r", "vx", "vy", "vz"]
 }
 
 /// The first pair, in order of x, of which one holds the centre of the other.
@@ -238,12 +242,19 @@ mod tests {
         assert_eq!(read.position, [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0)]);
         assert_eq!(read.radius, [1.0, 0.5]);
         assert_eq!(read.line, [3, 4]);
+        assert_eq!(read.velocity, [DVec3::ZERO; 2]);
+        let moving = spheres("g.csv", "x,y,z,r,vx,vy,vz\n0,0,0,1,-2,0.5,3\n").unwrap();
+        assert_eq!((moving.radius[0], moving.velocity[0]), (1.0, DVec3::new(-2.0, 0.5, 3.0)));
     }
 
     #[test]
     fn a_wrong_line_is_named() {
         for (text, sentence, column) in [
-            ("0,0,0,1\n1,2,3", "a grain is 4 numbers x,y,z,r, this line has 3 numbers", 1),
+            (
+                "0,0,0,1\n1,2,3",
+                "a grain is 4 numbers x,y,z,r, or 7 with vx,vy,vz, this line has 3 numbers",
+                1,
+            ),
             ("0,0,0,1\n1,2, x,4", "expected a number, found `x`", 6),
             ("0,0,0,1\n1,nan,0,4", "`nan` is not a finite number", 3),
             ("0,0,0,1\n1,2,3,-1", "the radius of a grain must be greater than 0, not -1", 7),

@@ -285,6 +285,7 @@ impl Simulation {
         }
         let last =
             until.max_steps.is_some_and(|end| steps >= end) || until.max_time.is_some_and(|end| time >= end);
+        let last = last || self.progress.compaction.is_stuck();
         if !last && !self.looks() {
             return Ok(None);
         }

@@ -155,6 +155,9 @@ pub fn grown(count: usize) -> Result<(Cell, Spheres), BenchError> {
         }
         let State { grains, domain, .. } = state;
         let line = (1..=count).collect();
-        Ok((domain.cell, Spheres { position: grains.position, radius: grains.radius, line }))
+        Ok((
+            domain.cell,
+            Spheres { position: grains.position, radius: grains.radius, velocity: grains.velocity, line },
+        ))
     })
 }

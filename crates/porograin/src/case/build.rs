@@ -189,7 +189,8 @@ impl Case {
                     import::read(&path).map_err(|e| self.source.fault("grains.packing.file", e.sentence))?;
                 let spheres = import::spheres(&name, &text)?;
                 spheres.within(&name, &text, lower, upper)?;
-                Ok(Grains::shaped(self.shape(), spheres.position, spheres.radius, density))
+                let grains = Grains::shaped(self.shape(), spheres.position, spheres.radius, density);
+                Ok(Grains { velocity: spheres.velocity, ..grains })
             }
         }
     }

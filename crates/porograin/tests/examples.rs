@@ -1,0 +1,104 @@
+//! Small dry examples: the numbers of their READMEs.
+
+use porograin::case::Case;
+use porograin::measure;
+use porograin::run::Simulation;
+use std::path::Path;
+
+fn example(file: &str, set: &[&str]) -> Simulation {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(file);
+    let set: Vec<String> = set.iter().map(|&s| s.into()).collect();
+    Simulation::new(&Case::from_file(&path, &set).unwrap()).unwrap()
+}
+
+fn close(found: f64, expected: f64, tolerance: f64, what: &str) {
+    assert!((found - expected).abs() < tolerance, "{what}: {found}, expected {expected}");
+}
+
+#[test]
+fn two_grains_part_as_momentum_and_restitution_say() {
+    let mut errors = Vec::new();
+    for step in [8e-5, 5e-6] {
+        let set = format!("stage.collide.time-step.fixed={step}");
+        let mut simulation = example("10-collision/case.toml", &[&set]);
+        let before = simulation.state.grains.clone();
+        while simulation.advance().unwrap().is_some() {}
+        let after = &simulation.state.grains;
+        let heavy = after.id.iter().position(|&id| id == 0).unwrap();
+        let light = 1 - heavy;
+        let [v1, v2] = [heavy, light].map(|k| after.velocity[k].x);
+        close(v1, 0.6, 2e-2, "heavy grain");
+        errors.push((v2 - v1 - 0.6).abs());
+        let momentum = |grains: &porograin::grains::Grains| {
+            (0..2).map(|k| grains.mass[k] * grains.velocity[k]).sum::<glam::DVec3>()
+        };
+        let change = (momentum(after) - momentum(&before)).length();
+        assert!(change < 1e-12 * momentum(&before).length(), "{change}");
+        if step == 5e-6 {
+            close(v1, 0.6, 5e-4, "heavy grain");
+            close(v2, 1.2, 5e-4, "light grain");
+            let lost = 1.0 - measure::kinetic_energy(after) / measure::kinetic_energy(&before);
+            close(lost, 0.16, 5e-4, "energy lost");
+        }
+    }
+    assert!(errors[1] < 0.25 * errors[0], "no convergence: {errors:?}");
+}
+
+#[test]
+fn a_sphere_slides_until_it_rolls() {
+    let mut simulation = example("11-sliding-to-rolling/case.toml", &[]);
+    let (mu, radius) = (0.3, 0.01);
+    let end = 2.0 / 7.0 / (mu * 9.81);
+    let (start, mut rolls) = (simulation.state.grains.position[0].x, None);
+    while simulation.advance().unwrap().is_some() {
+        let (grains, time) = (&simulation.state.grains, simulation.state.time);
+        let (v, surface) = (grains.velocity[0].x, radius * grains.spin[0].y);
+        if time < 0.95 * end {
+            close(v, 1.0 - mu * 9.81 * time, 2e-3, "speed while it slides");
+            close(surface, 2.5 * mu * 9.81 * time, 5e-3, "spin while it slides");
+        } else if time > 1.05 * end {
+            close(v, 5.0 / 7.0, 1e-3, "speed while it rolls");
+            close(surface, 5.0 / 7.0, 2e-3, "spin while it rolls");
+        }
+        if rolls.is_none() && surface >= v {
+            rolls = Some((time, grains.position[0].x - start));
+        }
+    }
+    let (time, slid) = rolls.unwrap();
+    close(time, end, 5e-4, "when it rolls");
+    close(slid, 12.0 / 49.0 / (mu * 9.81), 5e-4, "how far it slides");
+}
+
+/// Strain under the load and after it.
+fn oedometer(file: &str) -> [f64; 2] {
+    let mut simulation = example(file, &[]);
+    let mut heights = Vec::new();
+    while simulation.advance().unwrap().is_some() {
+        if simulation.progress.began.is_none() {
+            heights.push(simulation.state.domain.cell.edges.z_axis.z);
+        }
+    }
+    [1.0 - heights[1] / heights[0], 1.0 - heights[2] / heights[0]]
+}
+
+#[test]
+fn a_small_load_is_given_back_and_a_large_one_leaves_a_trace() {
+    let small = oedometer("15-oedometer-unload/case.toml");
+    close(small[0], 2.5e-3, 1e-4, "strain under 5 kPa");
+    close(small[1], 0.17e-3, 0.1e-3, "strain left by 5 kPa");
+    let large = oedometer("15-oedometer-unload/large.toml");
+    close(large[0], 0.075, 2e-3, "strain under 200 kPa");
+    close(large[1], 7e-3, 2e-3, "strain left by 200 kPa");
+}
+
+#[test]
+fn grains_without_friction_hold_with_six_contacts_each() {
+    let mut simulation = example("18-frictionless/case.toml", &[]);
+    while simulation.advance().unwrap().is_some() {}
+    let state = &simulation.state;
+    let solid = 1.0 - measure::porosity(state);
+    close(solid, 0.632, 3e-3, "solid fraction");
+    let carrying = state.grains.len() - measure::rattlers(state);
+    let coordination = 2.0 * state.contacts.len() as f64 / carrying as f64;
+    close(coordination, 6.15, 0.06, "contacts of a grain that carries");
+}
