@@ -19,10 +19,22 @@ fn permeability(folder: &Path, arguments: &[&str]) -> Value {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8(output.stderr).unwrap());
-    serde_json::from_slice(&output.stdout).unwrap()
+    let object = serde_json::from_slice(&output.stdout).unwrap();
+    documented(&object);
+    object
 }
 
 const GRAINS: &str = "x,y,z,r\n0.3,0.2,0.4,0.2\n0.7,0.3,0.8,0.15\n0.35,0.72,0.7,0.22\n0.8,0.8,0.3,0.18\n";
+
+/// Every key is named in the documents.
+#[track_caller]
+fn documented(object: &Value) {
+    let document =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/output.md")).unwrap();
+    for key in object.as_object().unwrap().keys() {
+        assert!(document.contains(&format!("`{key}`")), "docs/output.md says nothing of `{key}`");
+    }
+}
 
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()

@@ -150,6 +150,28 @@ fn killed_and_resumed(name: &str, case: &str, longest: u64) -> PathBuf {
     folder
 }
 
+/// Every key of the object is named in the documents.
+#[track_caller]
+fn documented(value: &serde_json::Value) {
+    let document =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/output.md")).unwrap();
+    let mut left = vec![value];
+    while let Some(value) = left.pop() {
+        match value {
+            serde_json::Value::Array(all) => left.extend(all.first()),
+            serde_json::Value::Object(all) => {
+                for (key, inner) in all {
+                    assert!(document.contains(&format!("`{key}`")), "docs/output.md says nothing of `{key}`");
+                    if key != "phases" {
+                        left.push(inner);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
 #[test]
 fn killed_anywhere_and_resumed_gives_the_same_bytes() {
     killed_and_resumed("killed", "tiny.toml", 100);
@@ -166,6 +188,7 @@ fn killed_with_water_and_resumed_gives_the_same_bytes_and_the_same_picture() {
         assert!(summary["sample"][key].as_f64().unwrap() > 0.0, "{key}");
     }
     assert!(summary["terzaghi"]["max_error"].is_number());
+    documented(&summary);
 }
 
 #[test]

@@ -11,7 +11,12 @@ use porograin_geometry::Repair;
 
 /// A cubic arrangement of touching grains, slightly shaken, under a piston, between two open faces.
 fn sample(viscosity: f64) -> (State, Model) {
-    let (n, d) = (5, 0.01);
+    cube(5, viscosity)
+}
+
+/// The same, `n` grains wide.
+fn cube(n: usize, viscosity: f64) -> (State, Model) {
+    let d = 0.01;
     let mut seed = 3u64;
     let mut random = || {
         seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -65,10 +70,10 @@ fn sample(viscosity: f64) -> (State, Model) {
     (state, model)
 }
 
-fn run(threads: usize, steps: usize, drop_every: usize) -> (State, Vec<Repair>) {
+fn run(n: usize, threads: usize, steps: usize, drop_every: usize) -> (State, Vec<Repair>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
-        let (mut state, model) = sample(1.0);
+        let (mut state, model) = cube(n, 1.0);
         let mut work = Work::default();
         let mut meshes = Vec::new();
         for k in 0..steps {
@@ -85,13 +90,21 @@ fn run(threads: usize, steps: usize, drop_every: usize) -> (State, Vec<Repair>) 
 
 #[test]
 fn the_same_bits_on_any_number_of_threads_and_without_scratch() {
-    let one = run(1, 200, 0);
+    let one = run(5, 1, 200, 0);
     assert!(!one.1.is_empty(), "the run should make a new mesh on its way");
     // Most follow by flips, the same ones without scratch.
     assert!(one.1.iter().any(|repair| repair.flips > 0), "{:?}", one.1);
-    assert_eq!(one, run(2, 200, 0));
-    assert_eq!(one, run(1, 200, 7));
-    assert_eq!(one, run(2, 200, 1));
+    assert_eq!(one, run(5, 2, 200, 0));
+    assert_eq!(one, run(5, 1, 200, 7));
+    assert_eq!(one, run(5, 2, 200, 1));
+}
+
+/// So many grains and pores that every loop is shared out among the threads.
+#[test]
+fn two_threads_share_a_large_sample_and_give_the_same_bits() {
+    let one = run(14, 1, 30, 0).0;
+    assert!(one == run(14, 2, 30, 0).0);
+    assert!(one == run(14, 2, 30, 13).0);
 }
 
 #[test]
