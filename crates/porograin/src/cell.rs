@@ -30,7 +30,8 @@ const LEAN: f64 = 0.6;
 pub struct CellRule {
     /// Components `L_ab` = d v_a / d x_b of the velocity gradient that are given [1/s].
     pub gradient: Components,
-    /// Components of the stress that are held [Pa], compression positive: the force along a on what lies further along b.
+    /// Components of the stress that are held [Pa], grains and water together, compression positive: the force along a on
+    /// what lies further along b.
     pub stress: Components,
     /// Inertia of the held components [kg], by default the mass of the grains.
     pub mass: Option<f64>,
@@ -66,33 +67,76 @@ impl Components {
     }
 }
 
-/// The velocity gradient of the cell in the middle of the coming step.
-pub fn rate(state: &State, model: &Model, dt: f64) -> DMat3 {
+/// What a push does to the cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellMotion {
+    /// Velocity gradient in the middle of the coming step [1/s]; of held components, had they no limit.
+    pub rate: DMat3,
+    /// What a further push on a held component [J] adds to it [1/s per J]; 0 for the others.
+    pub mobility: DMat3,
+    /// No held component is faster than this [1/s].
+    pub limit: DMat3,
+}
+
+impl Default for CellMotion {
+    fn default() -> Self {
+        let limit = DMat3::from_cols(DVec3::INFINITY, DVec3::INFINITY, DVec3::INFINITY);
+        CellMotion { rate: DMat3::ZERO, mobility: DMat3::ZERO, limit }
+    }
+}
+
+impl CellMotion {
+    /// The velocity gradient, within the limits.
+    pub fn allowed(&self) -> DMat3 {
+        let mut rate = self.rate;
+        for column in 0..3 {
+            let limit = self.limit.col(column);
+            *rate.col_mut(column) = rate.col(column).clamp(-limit, limit);
+        }
+        rate
+    }
+}
+
+/// How the cell moves in a step of length `dt` when the water does `water` to it; `felt` is what it does at the beginning of
+/// the step, see [`motion::advance`].
+pub fn motion(state: &State, model: &Model, water: DMat3, felt: DMat3, dt: f64) -> CellMotion {
     let rule = &model.cell;
     let time = state.time - model.stage_start;
-    let mut rate = DMat3::ZERO;
+    let mut moved = CellMotion::default();
     for (row, column, signal) in rule.gradient.given() {
-        rate.col_mut(column)[row] = signal.at(time + 0.5 * dt);
+        moved.rate.col_mut(column)[row] = signal.at(time + 0.5 * dt);
     }
-    let mut held = rule.stress.given().peekable();
-    let Some(period) = held.peek().and_then(|_| Period::of(&state.domain.cell)) else { return rate };
+    if rule.stress.given().next().is_none() {
+        return moved;
+    }
     let stress = measure::contact_stress(state, model);
-    let volume = state.domain.cell.volume();
-    let mass = rule.mass.unwrap_or_else(|| state.grains.mass.iter().sum());
-    for (row, column, signal) in held {
+    let (volume, inertia) = (state.domain.cell.volume(), inertia(state, model));
+    for (row, column, signal) in rule.stress.given() {
         let (asked, found) = (signal.at(time), stress.col(column)[row]);
         let before = state.domain.rate.col(column)[row];
-        let push = volume * (found - asked);
+        let push = volume * (found - asked) + water.col(column)[row];
+        let known = volume * (found - asked) + felt.col(column)[row];
         let sign = f64::from(before > 0.0) - f64::from(before < 0.0);
-        let across = period.across(column);
-        let change =
-            motion::kick(state, dt) / (mass * across * across) * (push - model.damping * push.abs() * sign);
-        let limit = rule.rate.unwrap_or_else(|| {
+        let mobility = motion::kick(state, dt) / inertia.col(column)[row];
+        moved.mobility.col_mut(column)[row] = mobility;
+        moved.rate.col_mut(column)[row] = before + mobility * (push - model.damping * known.abs() * sign);
+        moved.limit.col_mut(column)[row] = rule.rate.unwrap_or_else(|| {
             INERTIAL_NUMBER * motion::inertial_rate(&state.grains, asked.abs().max(found.abs()))
         });
-        rate.col_mut(column)[row] = (before + change).clamp(-limit, limit);
     }
-    rate
+    moved
+}
+
+/// Inertia of each held component of the cell, the other ones zero [kg m²]: its kinetic energy is half of that times the
+/// square of the rate.
+pub fn inertia(state: &State, model: &Model) -> DMat3 {
+    let mut inertia = DMat3::ZERO;
+    let Some(period) = Period::of(&state.domain.cell) else { return inertia };
+    for (row, column, _) in model.cell.stress.given() {
+        let mass = model.cell.mass.unwrap_or_else(|| state.grains.mass.iter().sum());
+        inertia.col_mut(column)[row] = mass * period.across(column) * period.across(column);
+    }
+    inertia
 }
 
 /// Gives the velocity gradient of the coming step to the cell, and to the grains what goes with their place;

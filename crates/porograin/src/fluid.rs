@@ -1,11 +1,12 @@
 //! The water: it follows the grains, feels how they move, and loads them.
 
-use crate::boundary::{Face, Slip, Water};
+use crate::boundary::{Domain, Face, Slip, Water};
 use crate::budget::{self, Audit};
+use crate::cell;
 use crate::darcy::{self, GridState};
 use crate::grains::{Grains, Loads};
 use crate::model::{Flow, FluidModel, Model, TimeStep};
-use crate::motion::pistons;
+use crate::motion::{Velocities, pistons};
 use crate::permeability;
 use crate::pores::carry::{Former, former_nodes};
 use crate::pores::mesh::{BLOCKED, Carried, Mesh, POINT, Walls};
@@ -17,7 +18,7 @@ use crate::pores::{
 use crate::stability;
 use crate::state::State;
 use crate::step::StepError;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::Repair;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::triangulation::wall;
@@ -47,6 +48,8 @@ pub struct Scratch {
     carried: Carried,
     /// What comes in through each face with an inflow, at the last step [m³/s].
     entering: [f64; 6],
+    /// Velocities of the grains beside the flow of a periodic cell.
+    velocities: Velocities,
     implicit: Foreseen,
     /// Of the grid.
     pub darcy: darcy::Scratch,
@@ -83,12 +86,8 @@ impl Scratch {
     pub fn profile(&self, state: &State, axis: usize) -> Option<[f64; 13]> {
         match state.fluid.as_ref()? {
             Fluid::Pores(water) => {
-                let packing = Packing {
-                    cell: &state.domain.cell,
-                    position: &state.grains.position,
-                    radius: &state.grains.radius,
-                };
-                Some(permeability::profile(packing, self.mesh()?, &water.pressure, axis))
+                let beside = water.beside(&state.grains, &state.domain);
+                Some(permeability::profile(beside.packing(), self.mesh()?, &water.pressure, axis))
             }
             Fluid::Darcy(water) => Some(self.darcy.grid()?.profile(&water.pressure, axis)),
         }
@@ -172,9 +171,7 @@ pub fn follow(state: &mut State, model: &Model, scratch: &mut Scratch) -> Result
     if state.step % LOOK_EVERY != 0 || state.step == water.made_at_step {
         return Ok(None);
     }
-    let now =
-        Packing { cell: &state.domain.cell, position: &state.grains.position, radius: &state.grains.radius };
-    let (strain, _) = made.mesh.strain(now);
+    let (strain, _) = made.mesh.strain(water.beside(&state.grains, &state.domain).packing());
     if strain <= pores.remesh.strain {
         return Ok(None);
     }
@@ -217,6 +214,7 @@ fn renew(
         made_at_step: state.step,
         mesh_position: state.grains.position.clone(),
         mesh_cell: state.domain.cell,
+        mesh_crossed: state.domain.crossed.clone(),
         viscous_rate: 0.0,
         implicit: None,
         store,
@@ -225,8 +223,8 @@ fn renew(
     }));
     make(state, recipe, pores, scratch, true)?;
     let Some(made) = &mut scratch.made else { return Ok(()) };
-    let pistons = pistons(model, &state.grains);
-    let rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons)
+    let (pistons, inertia) = (pistons(model, &state.grains), cell::inertia(state, model));
+    let rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons, &inertia)
         .map_err(|error| cannot_solve(error, &made.mesh, &state.grains))?;
     let implicit = match pores.step {
         Stepping::Explicit => false,
@@ -369,7 +367,7 @@ pub fn advance(
     dt: f64,
     scratch: &mut Scratch,
 ) -> Result<Option<Report>, StepError> {
-    let Scratch { made, carried, entering, implicit: foreseen, darcy, .. } = scratch;
+    let Scratch { made, carried, entering, velocities, implicit: foreseen, darcy, .. } = scratch;
     foreseen.clear();
     if state.grid().is_some() {
         return coarse::advance(loads, state, model, dt, darcy);
@@ -414,7 +412,8 @@ pub fn advance(
     }
     let info = match &mut water.implicit {
         None => {
-            mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, carried);
+            let closed = water.store.is_none() && mesh.unknowns == mesh.nodes();
+            carry(mesh, grains, domain, closed, velocities, carried);
             system.solve(mesh, &carried.node, pressure)
         }
         Some(memory) => foreseen.solve(system, mesh, grains, pores.implicit_residual, memory, pressure),
@@ -431,6 +430,32 @@ pub fn advance(
     });
     let audit = audit.flatten();
     Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit, audit }))
+}
+
+/// What the motion before the step carries out of the nodes.
+fn carry(
+    mesh: &Mesh,
+    grains: &Grains,
+    domain: &Domain,
+    closed: bool,
+    velocities: &mut Velocities,
+    carried: &mut Carried,
+) {
+    if mesh.images.is_none() {
+        return mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, carried);
+    }
+    velocities.grain.clear();
+    let peculiar = |(&x, &v): (&DVec3, &DVec3)| domain.peculiar(x, v);
+    velocities.grain.extend(grains.position.iter().zip(&grains.velocity).map(peculiar));
+    velocities.spin.clone_from(&grains.spin);
+    velocities.wall = domain.wall_velocity;
+    velocities.cell = domain.rate;
+    if closed && domain.cell.periodic == [true; 3] {
+        // Water came into a cell that was still changing its volume: it stops.
+        let trace = domain.rate.x_axis.x + domain.rate.y_axis.y + domain.rate.z_axis.z;
+        velocities.cell -= DMat3::from_diagonal(DVec3::splat(trace / 3.0));
+    }
+    mesh.carried_with_cell(velocities, carried);
 }
 
 /// The excess pressure that a rule imposes at the place `x` [Pa]; zero where it imposes none.

@@ -1,6 +1,6 @@
 //! The arrays everything works on: grains, and the loads that act on them.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// What the grains are.
@@ -112,7 +112,7 @@ pub fn sphere_volume(radius: f64) -> f64 {
 }
 
 /// Forces [N] and torques about the centres [N m] of one instant. Every law adds here; only motion reads it.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Loads {
     /// Force on each grain.
     pub force: Vec<DVec3>,
@@ -122,6 +122,17 @@ pub struct Loads {
     pub wall: [DVec3; 6],
     /// What acts on each wall that the case adds.
     pub walls: Vec<Push>,
+    /// What the water does to a periodic cell: its power per component of the velocity gradient [J]. Over the volume that
+    /// is its share of the stress.
+    pub cell: DMat3,
+}
+
+impl Default for Loads {
+    fn default() -> Self {
+        // By hand: the default of a matrix is the identity.
+        let (force, torque, walls) = (Vec::new(), Vec::new(), Vec::new());
+        Loads { force, torque, wall: [DVec3::ZERO; 6], walls, cell: DMat3::ZERO }
+    }
 }
 
 /// A force and a moment on a body.
@@ -142,5 +153,6 @@ impl Loads {
         self.torque.resize(n, DVec3::ZERO);
         self.wall = [DVec3::ZERO; 6];
         self.walls.clear();
+        self.cell = DMat3::ZERO;
     }
 }

@@ -6,7 +6,7 @@ use crate::grains::{Grains, Loads, Shape};
 use crate::model::Model;
 use crate::state::State;
 use crate::walls;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
 use rayon::prelude::*;
 
@@ -18,7 +18,7 @@ const PISTON_MASS_SHARE: f64 = 0.1;
 const BLOCK: usize = 1024;
 
 /// Velocities of everything that moves.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Velocities {
     /// Of the centres of the grains [m/s].
     pub grain: Vec<DVec3>,
@@ -26,6 +26,15 @@ pub struct Velocities {
     pub spin: Vec<DVec3>,
     /// Of the walls [m/s].
     pub wall: [DVec3; 6],
+    /// Velocity gradient of a periodic cell [1/s]; the velocities of the grains are then those beside its flow.
+    pub cell: DMat3,
+}
+
+impl Default for Velocities {
+    fn default() -> Self {
+        // By hand: the default of a matrix is the identity.
+        Velocities { grain: Vec::new(), spin: Vec::new(), wall: [DVec3::ZERO; 6], cell: DMat3::ZERO }
+    }
 }
 
 impl Velocities {
@@ -36,6 +45,7 @@ impl Velocities {
             list.resize(n, DVec3::ZERO);
         }
         self.wall = [DVec3::ZERO; 6];
+        self.cell = DMat3::ZERO;
     }
 }
 
@@ -57,7 +67,7 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
         move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, |_, velocity| velocity);
         move_walls(&mut state.domain, dt);
     } else {
-        let rate = cell::rate(state, model, dt);
+        let rate = cell::motion(state, model, loads.cell, felt.cell, dt).allowed();
         let State { domain, grains, .. } = state;
         let (before, origin) = (domain.gradient, domain.cell.origin);
         let boost = cell::carry(domain, grains, rate, dt);
@@ -78,15 +88,16 @@ pub fn kick(state: &State, dt: f64) -> f64 {
     0.5 * (state.dt + dt)
 }
 
-/// The velocities that [`advance`] would give to the grains, written to `out`; those of the walls are left to
-/// [`wall_motion`].
+/// The velocities that [`advance`] would give to the grains, beside the flow of a periodic cell, written to `out`; those
+/// of the walls are left to [`wall_motion`], the cell's to [`cell::motion`].
 pub fn foresee(state: &State, model: &Model, loads: &Loads, felt: &Loads, dt: f64, out: &mut Velocities) {
     let (grains, damping, kick) = (&state.grains, model.damping, kick(state, dt));
     out.grain.resize(grains.len(), DVec3::ZERO);
     out.spin.resize(grains.len(), DVec3::ZERO);
     (&mut out.grain, &mut out.spin).into_par_iter().with_min_len(BLOCK).enumerate().for_each(
         |(i, (velocity, spin))| {
-            let (before, turning) = (grains.velocity[i], grains.spin[i]);
+            let (before, turning) =
+                (state.domain.peculiar(grains.position[i], grains.velocity[i]), grains.spin[i]);
             let force = damped(loads.force[i], felt.force[i], before, damping);
             let torque = damped(loads.torque[i], felt.torque[i], turning, damping);
             *velocity = before + kick / grains.mass[i] * force;

@@ -357,7 +357,8 @@ impl Simulation {
         }
         let mut held = self.model.cell.stress.given().peekable();
         if held.peek().is_some() {
-            let stress = measure::contact_stress(&self.state, &self.model);
+            let water = self.work.loads.cell * self.state.domain.cell.volume().recip();
+            let stress = measure::contact_stress(&self.state, &self.model) + water;
             for (row, column, signal) in held {
                 let name = || format!("{} of the cell", COMPONENTS[3 * row + column]);
                 compare(stress.col(column)[row], signal.at(t), &name);

@@ -56,7 +56,6 @@ impl Case {
         if let Some(rule) = &self.cell {
             self.cell_rule("cell", rule)?;
         }
-        self.dry_if_periodic()?;
         if let Some(fluid) = &self.fluid {
             self.number("fluid.viscosity", fluid.viscosity, Range::Positive)?;
             self.number("fluid.density", fluid.density, Range::Positive)?;
@@ -151,6 +150,7 @@ impl Case {
             self.until(k)?;
             self.sealed(k)?;
             self.glue(k)?;
+            self.water_in_periods(k)?;
             self.inflow(k)?;
             if stage.consolidation && self.model(k, 0.0).fluid.is_none() {
                 return self.refuse(

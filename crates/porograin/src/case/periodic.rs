@@ -2,8 +2,10 @@
 
 use super::check::Range;
 use super::{Case, CaseError, FaceTable};
+use crate::boundary::Signal;
 use crate::cell::{COMPONENTS, CellRule};
 use crate::grains::Grains;
+use crate::model::Flow;
 use porograin_geometry::{Cell, Neighbours, Period};
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 
@@ -107,13 +109,52 @@ impl Case {
             .hint("a grain must see one image of each neighbour only: twice the largest diameter, and room to move"))
     }
 
-    /// Water is computed in walled boxes only.
-    pub(super) fn dry_if_periodic(&self) -> Result<(), CaseError> {
-        if self.fluid.is_some() && self.domain.periodic.0 != [false; 3] {
-            return self.refuse(
-                "fluid",
-                "the water needs walls on all sides: no axis of the domain may be periodic",
-            );
+    /// What water asks of a periodic domain in stage `k`.
+    pub(super) fn water_in_periods(&self, k: usize) -> Result<(), CaseError> {
+        let periodic = self.domain.periodic.0;
+        let model = self.model(k, 0.0);
+        let Some(fluid) = model.fluid.as_ref().filter(|_| periodic != [false; 3]) else { return Ok(()) };
+        let place = |key: &str| {
+            let own = format!("stage.{k}.{key}");
+            if self.source.has(&own) { own } else { key.to_owned() }
+        };
+        if matches!(fluid.flow, Flow::Darcy(_)) {
+            return Err(self
+                .source
+                .fault(
+                    &place("fluid"),
+                    "water on a grid needs walls on all sides: no axis of the domain may be periodic",
+                )
+                .hint("leave `flow` out: water in the pores can be periodic"));
+        }
+        if fluid.bulk_modulus.is_some() || model.has_pressure() {
+            return Ok(());
+        }
+        let volume = |(row, column, _): &(usize, usize, &Signal)| row == column;
+        let given: Vec<&Signal> = model.cell.gradient.given().filter(volume).map(|given| given.2).collect();
+        let constant = |signal: &&Signal| match signal {
+            Signal::Constant(value) => Some(*value),
+            _ => None,
+        };
+        let rates: Option<Vec<f64>> = given.iter().map(constant).collect();
+        let keeps = rates.is_some_and(|rates| {
+            let size = rates.iter().map(|rate| rate.abs()).sum::<f64>();
+            rates.iter().sum::<f64>().abs() <= 1e-12 * size
+        });
+        let held = model.cell.stress.given().any(|given| volume(&given));
+        if held || !keeps {
+            let name = &self.stage[k].name;
+            let key = if held { "stress" } else { "gradient" };
+            return Err(self
+                .source
+                .fault(
+                    &place(&format!("cell.{key}")),
+                    format!(
+                        "in the stage `{name}` the cell changes its volume, but the water is incompressible and no face lets \
+                         it out"
+                    ),
+                )
+                .hint("give rates that sum to zero as numbers, hold shear stresses only, or give the stage its own cell = {}"));
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! Implicit steps: the velocities to come and the pressures that go with them, found together.
 
+use crate::cell::{self, CellMotion};
 use crate::grains::{Grains, Loads};
 use crate::model::{Model, TimeStep};
 use crate::motion::{self, Velocities, WallMotion};
@@ -29,6 +30,7 @@ pub fn pays(state: &State, model: &Model, rate: f64) -> bool {
 pub struct Foreseen {
     velocities: Velocities,
     walls: [WallMotion; 6],
+    cell: CellMotion,
     /// Walls on which the pressures act: sealed pistons.
     pushed: [bool; 6],
     kick: f64,
@@ -67,6 +69,8 @@ impl Foreseen {
             self.velocities.wall[face] = moved.velocity;
             self.pushed[face] = moved.mobility > 0.0 && !mesh.open[face];
         }
+        self.cell = cell::motion(state, model, loads.cell, felt.cell, dt);
+        self.velocities.cell = self.cell.rate;
         motion::foresee(state, model, loads, felt, dt, &mut self.velocities);
     }
 
@@ -94,14 +98,14 @@ impl Foreseen {
         pressure: &mut [f64],
     ) -> Result<Info, Error> {
         prepare(system, mesh, grains, memory, self.kick, residual)?;
-        let Foreseen { velocities, walls, pushed, kick, carried, room, .. } = self;
-        let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6] };
+        let Foreseen { velocities, walls, cell, pushed, kick, carried, room, .. } = self;
+        let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6], cell: cell.mobility };
         for face in (0..6).filter(|&face| pushed[face]) {
             mobility.wall[face] = walls[face].mobility;
         }
         room.push_held(mesh, &mobility, pressure, velocities);
         loop {
-            mesh.carried(&velocities.grain, &velocities.spin, &velocities.wall, carried);
+            mesh.carried_with_cell(velocities, carried);
             let info = solve(system, mesh, &mobility, memory, &carried.node, pressure, room)?;
             // A piston that would pass its limit moves by decree, at the limit.
             let mut load = Default::default();
@@ -116,6 +120,18 @@ impl Foreseen {
                     again = true;
                 }
             }
+            // So does a component of the cell.
+            let push = mesh.stretching(pressure);
+            for (column, row) in (0..9).map(|k| (k / 3, k % 3)) {
+                let mobility = &mut mobility.cell.col_mut(column)[row];
+                let (limit, foreseen) = (cell.limit.col(column)[row], cell.rate.col(column)[row]);
+                let rate = foreseen + *mobility * push.col(column)[row];
+                if *mobility > 0.0 && rate.abs() > limit {
+                    velocities.cell.col_mut(column)[row] = limit.copysign(rate);
+                    (*mobility, cell.mobility.col_mut(column)[row]) = (0.0, 0.0);
+                    again = true;
+                }
+            }
             if !again {
                 return Ok(info);
             }
@@ -124,14 +140,14 @@ impl Foreseen {
 
     /// What moves out of the nodes with the velocities that the pressures just found lead to.
     pub fn carried(&mut self, mesh: &Mesh, grains: &Grains, pressure: &[f64]) -> &mut Carried {
-        let Foreseen { velocities, walls, pushed, kick, carried, room, .. } = self;
-        let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6] };
+        let Foreseen { velocities, walls, cell, pushed, kick, carried, room, .. } = self;
+        let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6], cell: cell.mobility };
         let held = |face: usize| velocities.wall[face].length() >= walls[face].limit;
         for face in (0..6).filter(|&face| pushed[face] && !held(face)) {
             mobility.wall[face] = walls[face].mobility;
         }
         room.push_free(mesh, &mobility, pressure, velocities);
-        mesh.carried(&velocities.grain, &velocities.spin, &velocities.wall, carried);
+        mesh.carried_with_cell(velocities, carried);
         carried
     }
 }

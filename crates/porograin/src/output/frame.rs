@@ -83,7 +83,8 @@ fn symmetric(s: DMat3) -> [f64; 6] {
 /// The pores with their pressure; `None` in a dry stage.
 pub fn pores(now: &Snapshot) -> Option<PoreMesh> {
     let (mesh, pressure) = now.pores()?;
-    Some(pore_mesh(mesh, &now.state.grains.position, &now.state.domain.cell, pressure))
+    let beside = now.state.pores()?.beside(&now.state.grains, &now.state.domain);
+    Some(pore_mesh(mesh, &beside.position, &beside.cell, pressure))
 }
 
 /// The grid with pressure, porosity and permeability of its cells; `None` without coarse water.

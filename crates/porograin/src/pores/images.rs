@@ -3,6 +3,7 @@
 
 use super::mesh::{Carried, Mesh};
 use crate::grains::Loads;
+use crate::motion::Velocities;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
 use porograin_geometry::triangulation::{Vertex, wall};
@@ -50,6 +51,12 @@ impl Images {
 }
 
 impl Mesh {
+    /// [`carried`](Mesh::carried), and what leaves because the cell deforms.
+    pub fn carried_with_cell(&self, velocities: &Velocities, out: &mut Carried) {
+        self.carried(&velocities.grain, &velocities.spin, &velocities.wall, out);
+        self.add_stretch(velocities.cell, out);
+    }
+
     /// Adds what leaves pores and nodes because the cell deforms with the velocity gradient `rate` [1/s], the grains and
     /// their images with it; nothing in a walled box.
     pub fn add_stretch(&self, rate: DMat3, out: &mut Carried) {

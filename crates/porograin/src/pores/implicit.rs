@@ -10,6 +10,7 @@ use super::mesh::{Carried, Mesh};
 use super::pressure::System;
 use crate::grains::{Grains, Loads};
 use crate::motion::Velocities;
+use glam::DMat3;
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::triangulation::wall;
 use porograin_linear::{Error, FIXED, Info, Matrix, Operator};
@@ -41,18 +42,23 @@ pub struct Mobility<'a> {
     pub kick: f64,
     /// Velocity of each wall along its normal per force [m/s per N]; zero unless it is a sealed piston.
     pub wall: [f64; 6],
+    /// Velocity gradient of the cell per push on it [1/s per J]; zero but for components whose stress is held.
+    pub cell: DMat3,
 }
 
 impl Mobility<'_> {
     /// Adds `k M⁻¹ loads` to the velocities.
     pub fn push(&self, loads: &Loads, velocities: &mut Velocities) {
-        let Velocities { grain, spin, wall } = velocities;
+        let Velocities { grain, spin, wall, cell } = velocities;
         for (i, (velocity, spin)) in grain.iter_mut().zip(spin).enumerate() {
             *velocity += self.kick / self.grains.mass[i] * loads.force[i];
             *spin += self.kick / self.grains.inertia(i) * loads.torque[i];
         }
         for face in 0..6 {
             wall[face] += self.wall[face] * loads.wall[face].dot(NORMALS[face]) * NORMALS[face];
+        }
+        for column in 0..3 {
+            *cell.col_mut(column) += self.cell.col(column) * loads.cell.col(column);
         }
     }
 }
@@ -184,7 +190,7 @@ impl Operator for Step<'_> {
         self.mesh.add_loads(pressure, loads);
         velocities.clear(n);
         self.mobility.push(loads, velocities);
-        self.mesh.carried(&velocities.grain, &velocities.spin, &velocities.wall, carried);
+        self.mesh.carried_with_cell(velocities, carried);
         let mut matrix = self.matrix;
         matrix.apply(x, y);
         for (&u, &carried) in self.unknown.iter().zip(&carried.node) {

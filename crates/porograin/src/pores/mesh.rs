@@ -378,7 +378,8 @@ impl Mesh {
         out.node.iter_mut().zip(&out.source).for_each(|(node, source)| *node -= source);
     }
 
-    /// `S p`: adds the forces and torques of the pressures of the nodes [Pa] to the loads.
+    /// `S p`: adds the forces and torques of the pressures of the nodes [Pa], and what they do to a periodic cell, to
+    /// the loads.
     ///
     /// Each grain sums its pores in rising order, whether it gathers (threads) or is scattered to (one thread).
     pub fn add_loads(&self, pressure: &[f64], loads: &mut Loads) {
@@ -408,6 +409,7 @@ impl Mesh {
             );
         }
         self.add_wall_loads(pressure, &mut loads.wall);
+        loads.cell += self.stretching(pressure);
     }
 
     /// The part of [`add_loads`](Self::add_loads) that acts on the walls.

@@ -19,9 +19,13 @@ pub use places::{Block, Places, Point, PointWater};
 pub use pressure::System;
 pub use store::Store;
 
-use glam::DVec3;
+use crate::boundary::Domain;
+use crate::grains::Grains;
+use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
+use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// Settings of the pore-scale flow.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -147,6 +151,24 @@ pub struct Recipe {
     pub places: Places,
 }
 
+/// Grains and cell as a mesh knows them.
+#[derive(Clone, Debug)]
+pub struct Beside<'a> {
+    /// The cell.
+    pub cell: Cell,
+    /// Centres of the grains [m].
+    pub position: Cow<'a, [DVec3]>,
+    /// Radii of the grains [m].
+    pub radius: &'a [f64],
+}
+
+impl Beside<'_> {
+    /// The same for the geometry.
+    pub fn packing(&self) -> Packing<'_> {
+        Packing { cell: &self.cell, position: &self.position, radius: self.radius }
+    }
+}
+
 /// What a restart needs of the water: the mesh is made again from the grains as they were when it was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoreState {
@@ -158,6 +180,8 @@ pub struct PoreState {
     pub mesh_position: Vec<DVec3>,
     /// The box when it was made.
     pub mesh_cell: Cell,
+    /// How many periods each grain had been taken back by when it was made.
+    pub mesh_crossed: Vec<[i32; 3]>,
     /// How fast the water damps the grains at most [1/s]: what it leaves of the time step.
     pub viscous_rate: f64,
     /// What an implicit step keeps; `None` while steps are explicit.
@@ -171,6 +195,25 @@ pub struct PoreState {
 }
 
 impl PoreState {
+    /// The grains as they are now, each in the period in which the mesh knows it, with period vectors that lead to the
+    /// images the mesh means.
+    pub fn beside<'a>(&self, grains: &'a Grains, domain: &Domain) -> Beside<'a> {
+        let cell = domain.cell;
+        let mut beside = Beside { cell, position: Cow::Borrowed(&grains.position), radius: &grains.radius };
+        if domain.is_periodic() {
+            // Since the mesh was made the cell has deformed a little, and may have chosen other vectors of the same lattice.
+            let basis = cell.edges.inverse() * self.mesh_cell.edges;
+            let whole = DMat3::from_cols(basis.x_axis.round(), basis.y_axis.round(), basis.z_axis.round());
+            beside.cell.edges = cell.edges * whole;
+            let back = |(k, &now): (usize, &DVec3)| {
+                let then = self.mesh_crossed.get(k).copied().unwrap_or_default();
+                domain.unwrapped(k, now) - beside.cell.edges * DVec3::from(then.map(f64::from))
+            };
+            beside.position = grains.position.iter().enumerate().map(back).collect();
+        }
+        beside
+    }
+
     /// How steps are made since the mesh was.
     pub fn stepping(&self) -> Stepping {
         if self.implicit.is_some() { Stepping::Implicit } else { Stepping::Explicit }

@@ -3,7 +3,8 @@
 use super::mesh::{Carried, Mesh};
 use super::pressure::System;
 use crate::grains::{Grains, Loads};
-use glam::DVec3;
+use crate::motion::Velocities;
+use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
 use porograin_linear::Error;
 
@@ -13,7 +14,8 @@ const STEPS: usize = 24;
 const MARGIN: f64 = 1.05;
 
 /// The largest eigenvalue of `M⁻¹ V` [1/s]: an explicit step must keep `2 dt lambda + dt² omega² < 4`
-/// (`physics` §3b). `piston` is the mass of each wall that is free to move along its normal [kg].
+/// (`physics` §3b). `piston` is the mass of each wall that is free to move along its normal [kg], `cell` the inertia of
+/// each component of a periodic cell that is free [kg m²], zero for the others.
 ///
 /// Lanczos iteration on `M^-1/2 V M^-1/2` from a fixed start, so that the same mesh gives the same bits.
 ///
@@ -24,9 +26,10 @@ pub fn rate(
     system: &mut System,
     grains: &Grains,
     piston: &[Option<f64>; 6],
+    cell: &DMat3,
 ) -> Result<f64, Error> {
     let n = grains.len();
-    let size = 6 * n + 6;
+    let size = 6 * n + 6 + 9;
     let mut root_mass = vec![0.0; size];
     for i in 0..n {
         root_mass[6 * i..6 * i + 3].fill(1.0 / grains.mass[i].sqrt());
@@ -34,6 +37,9 @@ pub fn rate(
     }
     for face in 0..6 {
         root_mass[6 * n + face] = piston[face].map_or(0.0, |mass| 1.0 / mass.sqrt());
+    }
+    for (root, &inertia) in root_mass[6 * n + 6..].iter_mut().zip(cell.as_ref()) {
+        *root = if inertia > 0.0 { 1.0 / inertia.sqrt() } else { 0.0 };
     }
     let mut seed = 1u64;
     let mut now: Vec<f64> = root_mass
@@ -71,8 +77,7 @@ pub fn rate(
 
 #[derive(Default)]
 struct Work {
-    velocity: Vec<DVec3>,
-    spin: Vec<DVec3>,
+    velocities: Velocities,
     carried: Carried,
     pressure: Vec<f64>,
     loads: Loads,
@@ -86,15 +91,17 @@ fn apply(
     x: &[f64],
     work: &mut Work,
 ) -> Result<Vec<f64>, Error> {
-    let n = (x.len() - 6) / 6;
+    let n = (x.len() - 6 - 9) / 6;
     let scaled = |k: usize| x[k] * root_mass[k];
     let three = |k: usize| DVec3::new(scaled(k), scaled(k + 1), scaled(k + 2));
-    work.velocity.clear();
-    work.velocity.extend((0..n).map(|i| three(6 * i)));
-    work.spin.clear();
-    work.spin.extend((0..n).map(|i| three(6 * i + 3)));
-    let walls: [DVec3; 6] = std::array::from_fn(|f| NORMALS[f] * scaled(6 * n + f));
-    mesh.carried(&work.velocity, &work.spin, &walls, &mut work.carried);
+    let Velocities { grain, spin, wall, cell } = &mut work.velocities;
+    grain.clear();
+    grain.extend((0..n).map(|i| three(6 * i)));
+    spin.clear();
+    spin.extend((0..n).map(|i| three(6 * i + 3)));
+    *wall = std::array::from_fn(|f| NORMALS[f] * scaled(6 * n + f));
+    *cell = DMat3::from_cols(three(6 * n + 6), three(6 * n + 9), three(6 * n + 12));
+    mesh.carried_with_cell(&work.velocities, &mut work.carried);
     work.pressure.clear();
     work.pressure.resize(mesh.nodes(), 0.0);
     system.solve(mesh, &work.carried.node, &mut work.pressure)?;
@@ -108,6 +115,7 @@ fn apply(
     for f in 0..6 {
         y[6 * n + f] = work.loads.wall[f].dot(NORMALS[f]);
     }
+    y[6 * n + 6..].copy_from_slice(work.loads.cell.as_ref());
     // Motion carries water out, which lowers the pressure, which pulls back: V = -S G⁻¹ (-Sᵀ).
     y.iter_mut().zip(root_mass).for_each(|(y, m)| *y *= -m);
     Ok(y)
