@@ -37,6 +37,15 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "04-seabed-pressure",
+        about: "the pressure in a bed of grains under a standing wave, a formula of place and time, against theory",
+        files: &[
+            ("case.toml", include_str!("../../examples/04-seabed-pressure/case.toml")),
+            ("README.md", include_str!("../../examples/04-seabed-pressure/README.md")),
+            ("seabed.svg", include_str!("../../examples/04-seabed-pressure/seabed.svg")),
+        ],
+    },
+    Example {
         name: "05-viscous-oedometer",
         about: "the same in water so thick that steps must be implicit (case.toml, quick.toml)",
         files: &[
