@@ -7,8 +7,7 @@
 //! following it, and `sum m (v - G (x - x_0))` stays zero if it was.
 
 use crate::boundary::{Domain, Signal};
-use crate::grains::Grains;
-use crate::measure;
+use crate::grains::{Grains, Loads};
 use crate::model::Model;
 use crate::motion;
 use crate::state::State;
@@ -67,6 +66,13 @@ impl Components {
     }
 }
 
+impl CellRule {
+    /// Whether the stress of the contacts drives the cell.
+    pub fn holds_stress(&self) -> bool {
+        self.stress.given().next().is_some()
+    }
+}
+
 /// What a push does to the cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellMotion {
@@ -97,25 +103,22 @@ impl CellMotion {
     }
 }
 
-/// How the cell moves in a step of length `dt` when the water does `water` to it; `felt` is what it does at the beginning of
-/// the step, see [`motion::advance`].
-pub fn motion(state: &State, model: &Model, water: DMat3, felt: DMat3, dt: f64) -> CellMotion {
+/// How the cell moves in a step of length `dt` under the contacts and the water of `loads`; of the water, `felt` has what it does
+/// at the beginning of the step, see [`motion::advance`].
+pub fn motion(state: &State, model: &Model, loads: &Loads, felt: &Loads, dt: f64) -> CellMotion {
     let rule = &model.cell;
     let time = state.time - model.stage_start;
     let mut moved = CellMotion::default();
     for (row, column, signal) in rule.gradient.given() {
         moved.rate.col_mut(column)[row] = signal.at(time + 0.5 * dt);
     }
-    if rule.stress.given().next().is_none() {
-        return moved;
-    }
-    let stress = measure::contact_stress(state, model);
+    let Some(virial) = loads.virial else { return moved };
     let (volume, inertia) = (state.domain.cell.volume(), inertia(state, model));
     for (row, column, signal) in rule.stress.given() {
-        let (asked, found) = (signal.at(time), stress.col(column)[row]);
+        let (asked, found) = (signal.at(time), virial.col(column)[row] / volume);
         let before = state.domain.rate.col(column)[row];
-        let push = volume * (found - asked) + water.col(column)[row];
-        let known = volume * (found - asked) + felt.col(column)[row];
+        let push = volume * (found - asked) + loads.cell.col(column)[row];
+        let known = volume * (found - asked) + felt.cell.col(column)[row];
         let sign = f64::from(before > 0.0) - f64::from(before < 0.0);
         let mobility = motion::kick(state, dt) / inertia.col(column)[row];
         moved.mobility.col_mut(column)[row] = mobility;

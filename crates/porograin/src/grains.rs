@@ -125,13 +125,15 @@ pub struct Loads {
     /// What the water does to a periodic cell: its power per component of the velocity gradient [J]. Over the volume that
     /// is its share of the stress.
     pub cell: DMat3,
+    /// `sum F ⊗ branch` over the contacts, F on the second and the row along F [N m]; only where something asks for it.
+    pub virial: Option<DMat3>,
 }
 
 impl Default for Loads {
     fn default() -> Self {
         // By hand: the default of a matrix is the identity.
         let (force, torque, walls) = (Vec::new(), Vec::new(), Vec::new());
-        Loads { force, torque, wall: [DVec3::ZERO; 6], walls, cell: DMat3::ZERO }
+        Loads { force, torque, wall: [DVec3::ZERO; 6], walls, cell: DMat3::ZERO, virial: None }
     }
 }
 
@@ -154,5 +156,6 @@ impl Loads {
         self.wall = [DVec3::ZERO; 6];
         self.walls.clear();
         self.cell = DMat3::ZERO;
+        self.virial = None;
     }
 }

@@ -67,7 +67,7 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
         move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, |_, velocity| velocity);
         move_walls(&mut state.domain, dt);
     } else {
-        let rate = cell::motion(state, model, loads.cell, felt.cell, dt).allowed();
+        let rate = cell::motion(state, model, loads, felt, dt).allowed();
         let State { domain, grains, .. } = state;
         let (before, origin) = (domain.gradient, domain.cell.origin);
         let boost = cell::carry(domain, grains, rate, dt);

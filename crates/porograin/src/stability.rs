@@ -8,7 +8,12 @@
 //! `A = sum k_n nn + k_t (1 - nn)`, `B = sum k_t (l/rho)² (1 - nn)` and `C = sum k_t (l/rho) [n]x`, whose norm is that of
 //! the vector `sum k_t (l/rho) n`; so the bound needs two symmetric 3 x 3 eigenvalues per grain and does not depend
 //! on the choice of axes.
+//!
+//! A periodic cell that holds a stress moves with the grains: a component `L_ab` of its velocity gradient stretches a contact by
+//! `b_b` along `a`, against the inertia `W l_b²` (see [`cell`](crate::cell)). With a third share for it in every contact, chosen as is
+//! best, its own `omega² = sum over the held components of sum (k_n n_a² + k_t (1 - n_a²)) b_b² / (W l_b²)` adds to that of the grains.
 
+use crate::cell;
 use crate::contact::{ContactLaw, Law, Laws, Memory, Stiffness, Surroundings, Touch};
 use crate::grains::Grains;
 use crate::model::{Model, RENEW_EVERY, TimeStep};
@@ -37,6 +42,8 @@ pub enum Cause {
     Piston(usize),
     /// The servoed wall of this number in the case.
     Wall(usize),
+    /// The periodic cell that holds a stress.
+    Cell,
     /// The viscous damping by the water in the pores.
     Water,
     /// Nothing: there are no grains.
@@ -50,6 +57,7 @@ impl std::fmt::Display for Cause {
             Cause::Flight(id) => write!(f, "grain {id}, were it to meet the largest grain"),
             Cause::Piston(face) => write!(f, "the piston at the {} face", crate::boundary::FACE_NAMES[*face]),
             Cause::Wall(k) => write!(f, "the servo of wall {}", k + 1),
+            Cause::Cell => write!(f, "the inertia of the periodic cell under its held stress"),
             Cause::Water => write!(f, "the viscosity of the water in the pores"),
             Cause::Nothing => write!(f, "nothing"),
         }
@@ -70,7 +78,7 @@ pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64,
     match model.time_step {
         TimeStep::Fixed(dt) => (dt, None),
         TimeStep::Automatic { safety } if due(state, model) => {
-            let limit = with_water(limit(state, model, scratch), state);
+            let limit = with_water(limit(state, model, scratch), state, model);
             (safety * limit.seconds, Some(limit))
         }
         TimeStep::Automatic { .. } => (state.dt, None),
@@ -78,16 +86,18 @@ pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64,
 }
 
 /// The limit of the contacts, less what the water takes of it in explicit steps.
-pub fn with_water(contacts: Limit, state: &State) -> Limit {
+pub fn with_water(contacts: Limit, state: &State, model: &Model) -> Limit {
     match state.pores() {
-        Some(water) if water.implicit.is_none() => explicit(contacts, water.viscous_rate),
+        Some(water) if water.implicit.is_none() => explicit(contacts, water.viscous_rate, model.damping),
         _ => contacts,
     }
 }
 
 /// What water that damps the grains at the rate `lambda` [1/s] leaves to an explicit step of the limit `2/omega` of the
-/// contacts: the positive root of `2 lambda dt + omega² dt² = 4` (`physics` §3b).
-pub fn explicit(contacts: Limit, lambda: f64) -> Limit {
+/// contacts: the positive root of `2 lambda dt + omega² dt² = 4` (`physics` §3b). Where the drag rules, local damping `D` adds
+/// its part of it, always against the motion: `lambda (1 + D)`.
+pub fn explicit(contacts: Limit, lambda: f64, damping: f64) -> Limit {
+    let lambda = lambda * (1.0 + damping);
     let omega = 2.0 / contacts.seconds;
     let seconds = 4.0 / (lambda + (lambda * lambda + 4.0 * omega * omega).sqrt());
     // Of the four parts of the limit, the larger share names the cause.
@@ -145,10 +155,12 @@ pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
     let mut piston = [[0.0; 2]; 6];
     let servoed: Vec<_> = model.walls.iter().map(|wall| walls::motion::servoed(wall, state)).collect();
     let mut pushed = vec![[0.0; 2]; servoed.len()];
+    let mut cell = Stretched::new(state, model);
     for &pair in &state.contacts.pairs {
         let touch = surroundings.touch(pair);
         let stiffness = surroundings.law(pair).stiffness(&touch);
         let levers = touch.levers();
+        cell.add(pair, &touch, &stiffness);
         let i = pair[0] as usize;
         let mut hold = |k: usize, side: usize, other: f64| {
             let share = (1.0 + (grains.mass[k] / other).sqrt()) / grains.mass[k];
@@ -207,7 +219,41 @@ pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
     for (wall, pushed) in pushed.iter().enumerate() {
         claim(pace(pushed[0], pushed[1]), Cause::Wall(wall));
     }
-    Limit { seconds: 1.0 / worst.0, cause: worst.1 }
+    let own = pace(cell.squared, cell.rate);
+    // Springs add as squares, dampers as they are.
+    let both = if cell.rate == 0.0 { worst.0.hypot(own) } else { worst.0 + own };
+    Limit { seconds: 1.0 / both, cause: if own > worst.0 { Cause::Cell } else { worst.1 } }
+}
+
+/// How the components of a periodic cell that hold a stress are held by the contacts.
+struct Stretched {
+    /// Row, column and the inverse of the inertia `W l²` [1/(kg m²)].
+    components: Vec<(usize, usize, f64)>,
+    /// Bound of the squared frequency [1/s²].
+    squared: f64,
+    /// Bound of the damping rate [1/s].
+    rate: f64,
+}
+
+impl Stretched {
+    fn new(state: &State, model: &Model) -> Self {
+        let inertia = cell::inertia(state, model);
+        let all = (0..9).map(|k| (k / 3, k % 3, inertia.col(k % 3)[k / 3]));
+        let components =
+            all.filter(|held| held.2 > 0.0).map(|(a, b, inertia)| (a, b, 1.0 / inertia)).collect();
+        Stretched { components, squared: 0.0, rate: 0.0 }
+    }
+
+    fn add(&mut self, pair: [u32; 2], touch: &Touch, stiffness: &Stiffness) {
+        let [near, far] = touch.levers();
+        let length = if wall(pair[1]).is_some() { near } else { near + far };
+        for &(a, b, mobility) in &self.components {
+            let (along, arm) = (touch.normal[a].powi(2), (length * touch.normal[b]).powi(2));
+            let part = |normal: f64, shear: f64| mobility * arm * (normal * along + shear * (1.0 - along));
+            self.squared += part(stiffness.normal, stiffness.shear);
+            self.rate += part(stiffness.normal_damper, stiffness.shear_damper);
+        }
+    }
 }
 
 /// The inverse of the longest stable step of an oscillator with this squared frequency and damping rate `c/m`, the damper

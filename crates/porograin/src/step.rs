@@ -12,7 +12,7 @@ use crate::state::State;
 use crate::timers::Timers;
 use crate::trouble::Trouble;
 use crate::walls::glue;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::{Neighbours, Period};
 use std::fmt;
 
@@ -71,6 +71,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
 
     // What acts on each grain. Every line only adds to `loads`.
     loads.clear(grains.len());
+    loads.virial = model.cell.holds_stress().then_some(DMat3::ZERO);
     gravity::add(loads, grains, model.gravity);
     fluid::lift(loads, grains, model);
     contact::add(loads, touching, &surroundings, state.dt, contacts);

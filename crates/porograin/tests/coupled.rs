@@ -137,6 +137,29 @@ fn an_explicit_step_is_stable_below_the_limit_and_not_above() {
     assert!(speed(1.3) > 1.0, "{}", speed(1.3));
 }
 
+/// Where no other load is felt, local damping adds its part of the drag to it.
+#[test]
+fn an_explicit_step_with_local_damping_is_stable_below_the_limit_and_not_above() {
+    let speed = |safety: f64| {
+        let (mut state, mut model) = sample(20.0);
+        (model.time_step, model.damping) = (TimeStep::Automatic { safety }, 0.8);
+        model.faces[5].solid = Solid::Fixed;
+        model.gravity = DVec3::ZERO;
+        for (k, velocity) in state.grains.velocity.iter_mut().enumerate() {
+            *velocity = DVec3::new((k as f64 * 1.1).sin(), (k as f64 * 2.7).sin(), (k as f64 * 3.9).sin());
+        }
+        let mut work = Work::default();
+        for _ in 0..200 {
+            if step(&mut state, &model, &mut work).is_err() {
+                return f64::INFINITY;
+            }
+        }
+        state.grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)
+    };
+    assert!(speed(0.9) < 0.1, "{}", speed(0.9));
+    assert!(speed(1.7) > 1.0, "{}", speed(1.7));
+}
+
 #[test]
 fn buoyancy_is_the_weight_of_the_water_displaced() {
     let (mut state, mut model) = sample(1e-3);

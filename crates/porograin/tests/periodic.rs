@@ -184,6 +184,65 @@ fn shear_keeps_momentum_a_good_lattice_and_the_same_bits_without_scratch() {
     assert!(drift > 1.5, "{drift}");
 }
 
+/// A sheared cell under a held stress, large enough to be shared between threads.
+#[test]
+fn a_held_and_sheared_cell_gives_the_same_bits_on_two_threads_and_after_a_restart() {
+    let n = 11;
+    let cell = Cell::periodic(DVec3::ZERO, DMat3::IDENTITY * (0.199 * n as f64));
+    let place = |k: usize| DVec3::new((k % n) as f64, (k / n % n) as f64, (k / n / n) as f64);
+    let count = n * n * n;
+    let shake = |k: usize, a: f64| (a * k as f64).sin();
+    let position = (0..count).map(|k| 0.199 * (place(k) + 0.5) + 0.002 * shake(k, 2.3)).collect();
+    let mut grains = Grains::at_rest(position, vec![0.1; count], 1000.0);
+    for k in 0..count {
+        grains.velocity[k] = 0.1 * DVec3::new(shake(k, 1.1), shake(k, 3.7), shake(k, 5.9));
+    }
+    let start = state(cell, grains);
+    let mut rule = driven(1.5, 0.0);
+    (rule.gradient.zz, rule.stress.zz) = (None, Some(Signal::Constant(5e3)));
+    let model = Model { cell: rule, damping: 0.1, ..model(0.5, 30.0) };
+    let run = |threads: usize, restart: bool| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let (mut state, mut work) = (start.clone(), Work::default());
+            for k in 0..60 {
+                if restart && k % 20 == 10 {
+                    state = postcard::from_bytes(&postcard::to_stdvec(&state).unwrap()).unwrap();
+                    work = Work::default();
+                }
+                step(&mut state, &model, &mut work).unwrap();
+                // The stress that drives the cell is the one that is measured (contacts as the step found them).
+                assert!(work.loads.virial.is_some());
+            }
+            state
+        })
+    };
+    let one = run(1, false);
+    assert!(one.domain.rate.z_axis.z != 0.0);
+    assert!(one == run(2, false));
+    assert!(one == run(2, true));
+}
+
+/// What the contact pass adds up for the cell is the stress that is measured, walls included.
+#[test]
+fn the_virial_of_the_step_is_the_measured_stress() {
+    let cell = Cell { periodic: [true, true, false], ..Cell::walled(DVec3::ZERO, DVec3::ONE) };
+    let mut grains = cloud(&Cell { periodic: [true; 3], ..cell }, 60, 7);
+    grains.position.iter_mut().for_each(|x| x.z = x.z.clamp(0.09, 0.91));
+    let mut rule = CellRule::default();
+    rule.stress.xx = Some(Signal::Constant(1e3));
+    let model = Model { time_step: TimeStep::Fixed(0.0), cell: rule, ..model(0.5, 30.0) };
+    let (mut state, mut work) = (state(cell, grains), Work::default());
+    step(&mut state, &model, &mut work).unwrap();
+    let volume = state.domain.cell.volume();
+    let (found, asked) =
+        (work.loads.virial.unwrap() * volume.recip(), measure::contact_stress(&state, &model));
+    assert!(asked.z_axis.z.abs() > 1.0);
+    for column in 0..3 {
+        let off = (found.col(column) - asked.col(column)).abs().max_element();
+        assert!(off < 1e-12 * asked.col(column).length().max(asked.z_axis.z), "{found} {asked}");
+    }
+}
+
 /// A cubic close packing follows the cell exactly: what the stress works is what the contacts store.
 #[test]
 fn the_work_of_the_stress_is_the_energy_of_the_contacts() {

@@ -141,7 +141,8 @@ fn consolidate(
     let top = state.domain.cell.upper().z;
     let timed = timed(state, &model, steps)?;
     let water: Vec<_> = timed.reports.iter().filter_map(|report| report.water).collect();
-    let limit = crate::stability::with_water(crate::stability::limit(state, &model, &mut Vec::new()), state);
+    let limit =
+        crate::stability::with_water(crate::stability::limit(state, &model, &mut Vec::new()), state, &model);
     Ok(CoupledBench {
         grains: state.grains.len(),
         contacts: state.contacts.len(),

@@ -99,6 +99,12 @@ impl Batch {
         }
     }
 
+    /// The branch of lane `l` [m].
+    #[inline(always)]
+    pub fn branch(&self, l: usize) -> DVec3 {
+        DVec3::new(self.branch[0][l], self.branch[1][l], self.branch[2][l])
+    }
+
     /// What was computed in lane `l`.
     #[inline(always)]
     pub fn lane(&self, l: usize) -> Lane {

@@ -8,7 +8,7 @@ use super::lanes::{BATCH, Batch};
 use super::{ContactLaw, Contacts, Law, Memory, More, Plain, Surroundings};
 use crate::grains::{Loads, Push};
 use crate::walls::is_part;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin_geometry::triangulation::wall;
 
 /// Grains per block: large enough that most contacts stay inside, small enough to share a few thousand grains
@@ -37,6 +37,7 @@ struct Block {
     wall: [DVec3; 6],
     /// Pairs with parts of walls that the case adds, and what acts on the grain.
     parts: Vec<([u32; 2], Push)>,
+    virial: DMat3,
 }
 
 /// The load of one contact on a grain of a later block.
@@ -59,11 +60,13 @@ pub fn add(
     let laws = surroundings.laws;
     contacts.remember(laws);
     loads.walls.resize(surroundings.walls.len(), Push::default());
+    let stressed = loads.virial.is_some();
     let blocks = loads.force.len().div_ceil(BLOCK).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
     let share = Share {
         first_block: 0,
         first_contact: 0,
+        stressed,
         pairs: &contacts.pairs,
         shear: &mut contacts.shear,
         more: contacts.more.as_deref_mut().unwrap_or_default(),
@@ -86,6 +89,9 @@ pub fn add(
         for face in 0..6 {
             loads.wall[face] += block.wall[face];
         }
+        if let Some(virial) = &mut loads.virial {
+            *virial += block.virial;
+        }
         for (pair, on_grain) in &block.parts {
             surroundings.react(*pair, on_grain, &mut loads.walls);
         }
@@ -97,6 +103,8 @@ pub fn add(
 struct Share<'a> {
     first_block: usize,
     first_contact: usize,
+    /// Whether the virial is asked for.
+    stressed: bool,
     pairs: &'a [[u32; 2]],
     shear: &'a mut [DVec3],
     /// Empty under a plain law.
@@ -121,11 +129,12 @@ impl Share<'_> {
         let (force, more_force) = self.force.split_at_mut(grain);
         let (torque, more_torque) = self.torque.split_at_mut(grain);
         let (blocks, more_blocks) = self.blocks.split_at_mut(half);
-        let (first_block, first_contact) = (self.first_block, self.first_contact);
-        let front = Share { first_block, first_contact, pairs, shear, more, force, torque, blocks };
+        let (first_block, first_contact, stressed) = (self.first_block, self.first_contact, self.stressed);
+        let front = Share { first_block, first_contact, stressed, pairs, shear, more, force, torque, blocks };
         let back = Share {
             first_block: first_block + half,
             first_contact: first_contact + cut,
+            stressed,
             pairs: more_pairs,
             shear: more_shear,
             more: more_more,
@@ -166,6 +175,9 @@ impl Share<'_> {
                 let lane = batch.lane(k - start);
                 if lane.overlap > 0.0 {
                     self.shear[k] = lane.shear;
+                    if self.stressed {
+                        self.strain(self.pairs[k], lane.force, lane.levers, batch.branch(k - start));
+                    }
                     self.give(self.pairs[k], lane.force, lane.turning, lane.levers, DVec3::ZERO);
                 } else {
                     self.part(k);
@@ -188,6 +200,9 @@ impl Share<'_> {
             }
             (self.shear[k], self.more[k]) = (memory.shear, memory.more);
             let turning = touch.normal.cross(load.force);
+            if self.stressed {
+                self.strain(self.pairs[k], load.force, touch.levers(), touch.normal);
+            }
             self.give(self.pairs[k], load.force, turning, touch.levers(), load.moment);
         }
     }
@@ -198,6 +213,14 @@ impl Share<'_> {
         block.parted.clear();
         block.wall = [DVec3::ZERO; 6];
         block.parts.clear();
+        block.virial = DMat3::ZERO;
+    }
+
+    /// Adds a contact to the virial; `along` is any vector along its branch, which at a wall ends at the contact point.
+    fn strain(&mut self, pair: [u32; 2], force: DVec3, levers: [f64; 2], along: DVec3) {
+        let length = if wall(pair[1]).is_some() { levers[0] } else { levers[0] + levers[1] };
+        let branch = length * along.normalize_or_zero();
+        self.blocks[0].virial -= DMat3::from_cols(force * branch.x, force * branch.y, force * branch.z);
     }
 
     fn part(&mut self, k: usize) {

@@ -18,7 +18,7 @@ pub const PAYS: f64 = 3.0;
 /// Whether steps should be implicit where the water damps the grains at `rate` [1/s].
 pub fn pays(state: &State, model: &Model, rate: f64) -> bool {
     let contacts = stability::limit(state, model, &mut Vec::new());
-    let explicit = stability::explicit(contacts, rate).seconds;
+    let explicit = stability::explicit(contacts, rate, model.damping).seconds;
     match model.time_step {
         TimeStep::Automatic { .. } => contacts.seconds > PAYS * explicit,
         TimeStep::Fixed(dt) => dt > explicit,
@@ -69,7 +69,7 @@ impl Foreseen {
             self.velocities.wall[face] = moved.velocity;
             self.pushed[face] = moved.mobility > 0.0 && !mesh.open[face];
         }
-        self.cell = cell::motion(state, model, loads.cell, felt.cell, dt);
+        self.cell = cell::motion(state, model, loads, felt, dt);
         self.velocities.cell = self.cell.rate;
         motion::foresee(state, model, loads, felt, dt, &mut self.velocities);
     }

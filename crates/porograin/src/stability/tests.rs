@@ -171,3 +171,50 @@ fn eigenvalue_of_known_matrices() {
     // 1 + n n with |n|² = 14: eigenvalues 1, 1, 15.
     assert!((largest_eigenvalue([2.0, 5.0, 10.0, 6.0, 3.0, 2.0]) - 15.0).abs() < 1e-12);
 }
+
+/// A cubic lattice that is squeezed as one: the held cell is an oscillator of its own.
+#[test]
+fn a_light_cell_limits_the_step() {
+    let (n, d) = (4, 0.99);
+    let place = |k: usize| DVec3::new((k % n) as f64, (k / n % n) as f64, (k / n / n) as f64);
+    let position: Vec<DVec3> = (0..n * n * n).map(|k| d * (place(k) + 0.5)).collect();
+    let mut state = state(position, vec![0.5; n * n * n], DVec3::ONE);
+    state.domain =
+        Domain::of(porograin_geometry::Cell::periodic(DVec3::ZERO, glam::DMat3::IDENTITY * (n as f64 * d)));
+    let touch = Touch::prospective([0.5, 0.5], 1.0 - d, 1.0);
+    let stiffness = Law::Linear(LAW).stiffness(&touch).normal;
+    let stress = stiffness * (1.0 - d) / (d * d);
+    let held = |mass: Option<f64>| {
+        let mut model = model(1.0);
+        model.cell.stress.zz = Some(Signal::Constant(0.9 * stress));
+        (model.cell.mass, model.cell.rate) = (mass, Some(1e6));
+        model
+    };
+    step(&mut state, &held(None), &mut Work::default()).unwrap();
+    state.dt = 0.0;
+    let heavy = limit(&state, &held(None), &mut Vec::new());
+    let light = held(Some(1e-4 * state.grains.mass[0]));
+    let found = limit(&state, &light, &mut Vec::new());
+    assert!(heavy.cause != Cause::Cell && found.cause == Cause::Cell, "{heavy:?} {found:?}");
+    // Every contact along z, as long as d, is a spring of the cell.
+    let spring = (n * n * n) as f64 * stiffness * d * d;
+    let omega = (spring / (1e-4 * state.grains.mass[0])).sqrt() / (n as f64 * d);
+    assert!((0.98..=1.0).contains(&(0.5 * omega * found.seconds)), "{}", 0.5 * omega * found.seconds);
+    // It swings about its rest below the limit, and ever wider above.
+    let reached = |dt: f64| {
+        let (mut state, mut work) = (state.clone(), Work::default());
+        let model = Model { time_step: TimeStep::Fixed(dt), ..light.clone() };
+        let mut widest = 0.0f64;
+        for _ in 0..200 {
+            if step(&mut state, &model, &mut work).is_err() {
+                return f64::INFINITY;
+            }
+            widest = widest.max(state.domain.strain.z_axis.z.abs());
+        }
+        widest
+    };
+    let below = reached(0.95 * found.seconds);
+    assert!(below < 0.05, "{below}");
+    let above = reached(1.1 * found.seconds);
+    assert!(above > 0.5, "{above}");
+}
