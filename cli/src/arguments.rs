@@ -232,7 +232,7 @@ pub struct Bench {
     /// Dynamic viscosity [Pa s]; by default such that dt mu / (k rho) = 0.2, dt being that of a dry step.
     #[arg(long, value_name = "MU", value_parser = positive, allow_negative_numbers = true)]
     pub viscosity: Option<f64>,
-    /// Relative residual of the pressure solve of `coupled`; by default 1e-6.
+    /// Relative residual of the pressure solve of `coupled` and `coarse`; by default 1e-6.
     #[arg(long, value_name = "R", value_parser = positive)]
     pub residual: Option<f64>,
     /// Threads.

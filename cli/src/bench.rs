@@ -88,7 +88,8 @@ fn coupled(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
 fn coarse(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     let domain = Domain::walled(cell.origin, cell.upper());
     let steps = arguments.steps.unwrap_or(STEPS) as usize;
-    let cost = bench::coarse(spheres.position, spheres.radius, domain, steps).map_err(failed)?;
+    let cost =
+        bench::coarse(spheres.position, spheres.radius, domain, steps, arguments.residual).map_err(failed)?;
     say!(
         "{:.3e} s per step, the water {:.0} % of the dry {:.3e} s; {} grains, {} cells, {:.2} iterations per step",
         cost.seconds_per_step,

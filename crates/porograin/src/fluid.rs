@@ -545,7 +545,7 @@ pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
 /// At an open face the water outside pushes back with the same pressure: such a wall feels the grains only.
 pub fn add(loads: &mut Loads, state: &State, scratch: &mut Scratch) {
     if let Some(water) = state.grid() {
-        darcy::add(loads, water, &mut scratch.darcy);
+        darcy::add(loads, water, &state.grains, &mut scratch.darcy);
     }
     if let (Some(made), Some(water)) = (&scratch.made, state.pores()) {
         push(loads, &made.mesh, &water.pressure);

@@ -212,7 +212,7 @@ fn move_walls(domain: &mut Domain, dt: f64) {
 
 /// Mass of a piston [kg]: as given, or a tenth of the mass of the grains.
 pub fn piston_mass(given: Option<f64>, grains: &Grains) -> f64 {
-    given.unwrap_or_else(|| PISTON_MASS_SHARE * sum(&grains.mass))
+    given.unwrap_or_else(|| PISTON_MASS_SHARE * sum(&grains.mass, |m| m))
 }
 
 /// Mass of each wall that is a piston [kg], in face order.
@@ -232,14 +232,17 @@ fn piston_speed(grains: &Grains, height: f64, stress: f64) -> f64 {
 /// The rate of deformation whose inertial number is 1 under a stress [Pa]: `sqrt(stress/density)/d`, d the mean
 /// diameter [1/s].
 pub fn inertial_rate(grains: &Grains, stress: f64) -> f64 {
-    let diameter = 2.0 * sum(&grains.radius) / grains.len().max(1) as f64;
-    let density = sum(&grains.mass) / grains.volume();
+    let diameter = 2.0 * sum(&grains.radius, |r| r) / grains.len().max(1) as f64;
+    let density = sum(&grains.mass, |m| m) / sum(&grains.radius, |r| grains.shape.volume(r));
     (stress / density).sqrt() / diameter
 }
 
-/// Sum in four interleaved parts: the order is fixed and the additions overlap.
-fn sum(values: &[f64]) -> f64 {
-    let (fours, rest) = values.as_chunks::<4>();
-    let parts = fours.iter().fold([0.0; 4], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]);
-    parts[0] + parts[1] + parts[2] + parts[3] + rest.iter().sum::<f64>()
+/// Sum in eight interleaved parts: the order is fixed and the additions overlap.
+fn sum(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
+    let (eights, rest) = values.as_chunks::<8>();
+    let mut parts = [0.0; 8];
+    for eight in eights {
+        parts.iter_mut().zip(eight).for_each(|(part, &value)| *part += of(value));
+    }
+    parts.iter().sum::<f64>() + rest.iter().map(|&value| of(value)).sum::<f64>()
 }

@@ -79,9 +79,10 @@ fn the_volumes_of_the_grains_in_the_cells_sum_to_that_of_the_grains() {
         let grid = work.fluid.darcy.grid().unwrap();
         let (sum, all) = (grid.solid.iter().sum::<f64>(), state.grains.volume());
         assert!((sum / all - 1.0).abs() < 1e-13, "{transfer:?} {sum} {all}");
+        // The parts around corners are weights in single precision.
         for k in 0..state.grains.len() {
-            let volume: f64 = grid.in_cells.row(k).map(|(_, part)| part).sum();
-            assert!((volume / state.grains.shape.volume(state.grains.radius[k]) - 1.0).abs() < 1e-13);
+            let part = grid.corners.volume(k) / state.grains.shape.volume(state.grains.radius[k]);
+            assert!((part - 1.0).abs() < 1e-6, "{k}: {part}");
         }
     }
 }
@@ -230,12 +231,13 @@ fn decay(cells: usize, steps: usize) -> f64 {
     for w in 0..grid.wall_face.len() {
         pressure[cells + w] = (wave * grid.wall_centre(w).z).sin();
     }
-    let velocity = vec![DVec3::ZERO; n];
+    let carried = vec![[0.0; 4]; grid.corners.len()];
     let imposed = vec![0.0; grid.wall_face.len()];
-    let outside = Outside { velocity: &velocity, wall_velocity: [DVec3::ZERO; 6], imposed: &imposed };
-    let mut system = System::new(&grid, &grains, terms).unwrap();
+    let outside = Outside { carried: &carried, wall_velocity: [DVec3::ZERO; 6], imposed: &imposed };
+    let mut change = vec![0.0; cells];
+    let mut system = System::new(&grid, terms).unwrap();
     for _ in 0..steps {
-        system.advance(&grid, &outside, &mut pressure).unwrap();
+        system.advance(&grid, &outside, &mut pressure, &mut change).unwrap();
     }
     let left = (-wave * wave * modulus / porosity * end).exp();
     (0..cells).map(|c| (pressure[c] - left * (wave * grid.centre(c).z).sin()).abs()).fold(0.0, f64::max)

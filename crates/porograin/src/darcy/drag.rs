@@ -1,47 +1,32 @@
-//! The drag on grains that move against the mean of their cell.
+//! The drag on grains that move against the mean of those around them.
+//!
+//! A grain that moves at `v_p` where the grains move at `v_s` feels `beta/(1 - n) V_p (v_s - v_p)` beside its share of the
+//! pressure gradient, `beta = n²/M` with the mobility M (Goodarzi 8-9): corner by corner, for its part there, so that the
+//! forces around a corner sum to zero. It is taken at the end of the kick, `beta -> beta/(1 + kick beta/((1 - n) rho))`,
+//! and so sets no limit to the time step.
 
+use super::corners::{Field, Four};
 use super::grid::Grid;
-use glam::DVec3;
-use rayon::prelude::*;
 
-/// How each cell holds the grains in it. The forces of a cell sum to zero.
-///
-/// A grain that moves at `v_p` in a cell whose grains move at `v_s` feels `beta/(1 - n) V_p (v_s - v_p)` beside its share of
-/// the pressure gradient, `beta = n²/M` with the mobility M of the cell (Goodarzi 8-9). It is taken at the end of the
-/// kick, `beta -> beta/(1 + kick beta/((1 - n) rho))`, and so sets no limit to the time step.
-#[derive(Clone, Debug, Default)]
-pub struct Resistance {
-    /// Mean velocity of the grains [m/s] and resistance per volume of grain [kg/(m³ s)] of each cell.
-    cells: Vec<[DVec3; 2]>,
-}
+/// Resistance r around each corner [kg/(m³ s)], and over the volume of the grains there.
+pub struct Resistance(Vec<[f64; 2]>);
 
 impl Resistance {
-    /// Takes the mean velocity of every cell. Each sums its grains in rising order, gathered or scattered.
-    pub fn feel(&mut self, grid: &Grid, velocity: &[DVec3], kick: f64) {
-        self.cells.clear();
-        self.cells.resize(grid.census.cells, [DVec3::ZERO; 2]);
-        if rayon::current_num_threads() == 1 {
-            for (k, &v) in velocity.iter().enumerate() {
-                grid.in_cells.row(k).for_each(|(cell, part)| self.cells[cell][0] += part * v);
-            }
-        } else {
-            self.cells.par_iter_mut().with_min_len(64).enumerate().for_each(|(cell, [sum, _])| {
-                *sum = grid.of_cells.row(cell).fold(DVec3::ZERO, |sum, (k, part)| sum + part * velocity[k]);
-            });
-        }
-        for (cell, [mean, resistance]) in self.cells.iter_mut().enumerate() {
-            let solid = grid.solid[cell];
-            if solid > 0.0 {
-                let n = grid.porosity[cell];
-                let viscous = n * n / (1.0 - n) / grid.mobility[cell];
-                (*mean, *resistance) = (*mean / solid, viscous / (1.0 + kick / grid.density * viscous));
-            }
-        }
+    /// Under a kick of this length [s].
+    pub fn new(grid: &Grid, kick: f64) -> Resistance {
+        let of = |(&viscous, &solid): (&f64, &f64)| {
+            let r = if solid > 0.0 { viscous / (1.0 + kick / grid.density * viscous) } else { 0.0 };
+            [r, if solid > 0.0 { r / solid } else { 0.0 }]
+        };
+        Resistance(grid.resistance.iter().zip(&grid.corners.solid).map(of).collect())
     }
 
-    /// The force on grain `k` at a velocity [N].
-    pub fn on(&self, grid: &Grid, k: usize, velocity: DVec3) -> DVec3 {
-        let parts = grid.in_cells.row(k);
-        parts.map(|(cell, part)| part * self.cells[cell][1] * (self.cells[cell][0] - velocity)).sum()
+    /// Starts a field with the drag. `carried` are the sums of volume times velocity of the grains around each corner.
+    pub fn around(&self, carried: &[Four], field: &mut Vec<Field>) {
+        field.clear();
+        field.extend(self.0.iter().zip(carried).map(|([r, per_volume], [x, y, z, _])| Field {
+            pull: [0.0, 0.0, 0.0, *r],
+            drag: [per_volume * x, per_volume * y, per_volume * z, 0.0],
+        }));
     }
 }

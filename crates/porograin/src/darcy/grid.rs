@@ -1,11 +1,12 @@
 //! The grid: cells between planes, links between them, and which part of each grain belongs to which.
 //!
 //! A link joins two cells across the face between them, or a cell and a wall. It carries water, `g (p_i - p_j)`, and the
-//! solid that moves through its face, `A v`, v the mean velocity of the grains in the slab from centre to centre (at
-//! a wall: from centre to wall), each weighted by its volume in there. The force of the link, `A (p_i - p_j)`, goes to
+//! solid that moves through its face, `A v`, v the mean velocity of the grains around its four corners (from centre to centre;
+//! at a wall from centre to wall), each weighted by its volume there. The force of the link, `A (p_i - p_j)`, goes to
 //! the same grains with the same weights: the two are transposes of each other, so pressures do no more work
 //! than they take from the motion, and the forces on grains and walls sum to the resultant of the pressures at the faces.
 
+use super::corners::Corners;
 use super::permeability::Permeability;
 use super::transfer::{Pieces, Transfer};
 use crate::grains::{Grains, Shape};
@@ -60,54 +61,6 @@ impl Census {
 /// In every warning about cells.
 const WORDS: &str = " cells of the grid of the water";
 
-/// Rows of numbers with their column: which part of which.
-#[derive(Clone, Debug, Default)]
-pub struct Shares {
-    starts: Vec<u32>,
-    index: Vec<u32>,
-    part: Vec<f64>,
-}
-
-impl Shares {
-    /// Columns and parts of a row.
-    #[inline]
-    pub fn row(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
-        let row = self.starts[k] as usize..self.starts[k + 1] as usize;
-        self.index[row.clone()].iter().zip(&self.part[row]).map(|(&i, &part)| (i as usize, part))
-    }
-
-    /// Number of rows.
-    pub fn rows(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    fn transposed(&self, columns: usize) -> Shares {
-        let mut starts = vec![0u32; columns + 1];
-        for &i in &self.index {
-            starts[i as usize + 1] += 1;
-        }
-        for k in 0..columns {
-            starts[k + 1] += starts[k];
-        }
-        let mut next = starts.clone();
-        let mut index = vec![0; self.index.len()];
-        let mut part = vec![0.0; self.part.len()];
-        for k in 0..self.rows() {
-            for (i, p) in self.row(k) {
-                let at = next[i] as usize;
-                index[at] = k as u32;
-                part[at] = p;
-                next[i] += 1;
-            }
-        }
-        Shares { starts, index, part }
-    }
-
-    fn sums(&self) -> Vec<f64> {
-        (0..self.rows()).map(|k| self.row(k).map(|(_, part)| part).sum()).collect()
-    }
-}
-
 /// Cells, links, and the grains in them.
 #[derive(Clone, Debug)]
 pub struct Grid {
@@ -137,14 +90,12 @@ pub struct Grid {
     pub wall_face: Vec<u8>,
     /// The link of each wall node.
     pub wall_link: Vec<u32>,
-    /// Parts of each grain's volume [m³] by cell.
-    pub in_cells: Shares,
-    /// The same by cell.
-    pub of_cells: Shares,
-    /// For each axis, the weight of each grain in the links along it, by grain; weights of a link sum to 1.
-    pub in_links: [Shares; 3],
-    /// The same by link.
-    pub of_links: [Shares; 3],
+    /// `A` of each link over the volume of the grains around its corners [1/m]; 0 without grains.
+    pub hold: Vec<f64>,
+    /// Which part of each grain is around which corner.
+    pub corners: Corners,
+    /// Resistance to motion against the other grains around each corner, per volume of grain [kg/(m³ s)].
+    pub resistance: Vec<f64>,
     /// What was found.
     pub census: Census,
 }
@@ -187,16 +138,15 @@ impl Grid {
             conductance: Vec::new(),
             wall_face: Vec::new(),
             wall_link: Vec::new(),
-            in_cells: Shares::default(),
-            of_cells: Shares::default(),
-            in_links: Default::default(),
-            of_links: Default::default(),
+            hold: Vec::new(),
+            corners: Corners::new(grains, plan.transfer, planes),
+            resistance: Vec::new(),
             census: Census { cells, ..Census::default() },
         };
         grid.join(flat);
-        grid.share(grains, plan.transfer, flat);
         grid.fill(grains, plan);
         grid.conduct();
+        grid.attach();
         grid
     }
 
@@ -288,108 +238,121 @@ impl Grid {
         self.axis_start[3] = self.ends.len();
     }
 
-    /// Cuts every grain at the planes and half way between them, and adds the pieces up by cell and by link.
-    fn share(&mut self, grains: &Grains, transfer: Transfer, flat: bool) {
-        let halves: [Vec<f64>; 3] = std::array::from_fn(|axis| {
-            let planes = &self.planes[axis];
-            let mut halves = Vec::with_capacity(2 * planes.len());
-            for pair in planes.windows(2) {
-                halves.extend([pair[0], 0.5 * (pair[0] + pair[1])]);
-            }
-            // The ends are walls: what reaches into a wall stays in the last half cell.
-            halves.split_off(1)
-        });
-        let halves: [&[f64]; 3] =
-            std::array::from_fn(|axis| if flat && axis == 1 { &[] } else { halves[axis].as_slice() });
-        let all: Vec<usize> = (0..grains.len()).collect();
-        let blocks: Vec<[Rows; 4]> = all
-            .par_chunks(BLOCK)
-            .map(|block| {
-                let mut rows: [Rows; 4] = Default::default();
-                let mut pieces = Pieces::default();
-                for &k in block {
-                    let centre = grains.position[k].to_array();
-                    pieces.cut(transfer, grains.shape, centre, grains.radius[k], halves);
-                    self.sort(&pieces, &mut rows);
-                }
-                rows
-            })
-            .collect();
-        let mut shares: [Shares; 4] = Default::default();
-        for (kind, shares) in shares.iter_mut().enumerate() {
-            shares.starts.push(0);
-            for rows in blocks.iter().map(|block| &block[kind]) {
-                for &length in &rows.lengths {
-                    shares.starts.push(shares.starts[shares.starts.len() - 1] + length);
-                }
-                shares.index.extend(&rows.index);
-                shares.part.extend(&rows.part);
-            }
+    /// Calls `each(link, corner)` for the links along an axis, with the lowest of the corners of each; from there
+    /// [`Grid::across`] leads to all four.
+    pub fn each_link(&self, axis: usize, mut each: impl FnMut(usize, usize)) {
+        let (mut link, stride) = (self.axis_start[axis], self.corners.stride);
+        if self.links(axis).is_empty() {
+            return;
         }
-        let [x, y, z, cells] = shares;
-        self.of_cells = cells.transposed(self.census.cells);
-        self.in_cells = cells;
-        self.in_links = [x, y, z];
-        for axis in 0..3 {
-            let links = self.axis_start[axis + 1] - self.axis_start[axis];
-            let by_link = self.in_links[axis].transposed(links);
-            let sums = by_link.sums();
-            let shares = &mut self.in_links[axis];
-            for (&link, part) in shares.index.iter().zip(&mut shares.part) {
-                *part /= sums[link as usize];
+        let mut dims = self.count;
+        dims[axis] += 1;
+        for z in 0..dims[2] {
+            for y in 0..dims[1] {
+                for x in 0..dims[0] {
+                    each(link, x * stride[0] + y * stride[1] + z * stride[2]);
+                    link += 1;
+                }
             }
-            self.of_links[axis] = shares.transposed(links);
         }
     }
 
-    /// Adds the pieces of one grain to the rows of the links along x, y, z and of the cells.
-    fn sort(&self, pieces: &Pieces, rows: &mut [Rows; 4]) {
-        let starts: [usize; 4] = std::array::from_fn(|kind| rows[kind].index.len());
-        let [nx, ny, _] = pieces.count;
-        for (k, &volume) in pieces.volume.iter().enumerate() {
-            if volume == 0.0 {
-                continue;
-            }
-            let piece = [k % nx, k / nx % ny, k / nx / ny];
-            let half: [usize; 3] = std::array::from_fn(|axis| pieces.first[axis] + piece[axis]);
-            for kind in 0..4 {
-                let (mut dims, mut at) = (self.count, half.map(|h| h / 2));
-                if kind < 3 {
-                    if self.links(kind).is_empty() {
-                        continue;
-                    }
-                    dims[kind] += 1;
-                    at[kind] = half[kind].div_ceil(2);
-                }
-                let index = ((at[2] * dims[1] + at[1]) * dims[0] + at[0]) as u32;
-                let rows = &mut rows[kind];
-                match rows.index[starts[kind]..].iter().position(|&i| i == index) {
-                    Some(known) => rows.part[starts[kind] + known] += volume,
-                    None => {
-                        rows.index.push(index);
-                        rows.part.push(volume);
-                    }
+    /// Adds to each cell what flows into it along the links, less what flows out.
+    pub fn gather(&self, flux: &[f64], sum: &mut [f64]) {
+        let [nx, ny, nz] = self.count;
+        for axis in (0..3).filter(|&axis| !self.links(axis).is_empty()) {
+            let mut dims = self.count;
+            dims[axis] += 1;
+            let step = [1, dims[0], dims[0] * dims[1]][axis];
+            for row in 0..ny * nz {
+                let link = self.axis_start[axis] + (row / ny * dims[1] + row % ny) * dims[0];
+                let (flux_in, flux_out) = (&flux[link..][..nx], &flux[link + step..][..nx]);
+                for ((sum, flux_in), flux_out) in sum[row * nx..][..nx].iter_mut().zip(flux_in).zip(flux_out)
+                {
+                    *sum += flux_in - flux_out;
                 }
             }
         }
-        for (kind, start) in starts.into_iter().enumerate() {
-            let length = (rows[kind].index.len() - start) as u32;
-            rows[kind].lengths.push(length);
+    }
+
+    /// From the lowest corner of a link along an axis to all four; discs have each twice.
+    pub fn across(&self, axis: usize) -> [usize; 4] {
+        let (a, b) = (self.corners.stride[(axis + 1) % 3], self.corners.stride[(axis + 2) % 3]);
+        [0, a, b, a + b]
+    }
+
+    /// How links take hold of the grains around their corners, and what resists there.
+    fn attach(&mut self) {
+        let mut hold = vec![0.0; self.ends.len()];
+        for axis in 0..3 {
+            let across = self.across(axis);
+            self.each_link(axis, |link, corner| {
+                let solid: f64 = across.iter().map(|step| self.corners.solid[corner + step]).sum();
+                hold[link] = if solid > 0.0 { self.area[link] / solid } else { 0.0 };
+            });
         }
+        self.hold = hold;
+        let (mut sum, mut cells) = (vec![0.0; self.corners.len()], vec![0.0; self.corners.len()]);
+        let stride = self.corners.stride;
+        for cell in (0..self.census.cells).filter(|&cell| self.solid[cell] > 0.0) {
+            let place = self.place(cell);
+            let n = self.porosity[cell];
+            let viscous = n * n / (1.0 - n) / self.mobility[cell].element_product().cbrt();
+            for c in 0..8 {
+                let at = [place[0] + (c & 1), place[1] + (c >> 1 & 1), place[2] + (c >> 2)];
+                let corner = at[0] * stride[0] + at[1] * stride[1] + at[2] * stride[2];
+                sum[corner] += viscous;
+                cells[corner] += 1.0;
+            }
+        }
+        self.resistance =
+            sum.iter().zip(&cells).map(|(sum, cells)| if *cells > 0.0 { sum / cells } else { 0.0 }).collect();
+    }
+
+    /// Cuts every grain at the planes: for each piece its cell, its grain and its volume [m³], grain by grain.
+    fn pieces(&self, grains: &Grains, transfer: Transfer) -> Vec<(u32, u32, f64)> {
+        let flat = matches!(grains.shape, Shape::Disc { .. });
+        // The ends are walls: what reaches into a wall stays in the last cell.
+        let inner: [&[f64]; 3] = std::array::from_fn(|axis| {
+            let planes = self.planes[axis].as_slice();
+            if flat && axis == 1 { &[] } else { &planes[1..planes.len() - 1] }
+        });
+        (0..grains.len())
+            .into_par_iter()
+            .with_min_len(BLOCK)
+            .map_init(Pieces::default, |pieces, k| {
+                pieces.cut(transfer, grains.shape, grains.position[k].to_array(), grains.radius[k], inner);
+                let [nx, ny, _] = pieces.count;
+                let first = pieces.first;
+                let parts = pieces.volume.iter().enumerate().filter(|(_, volume)| **volume != 0.0);
+                parts
+                    .map(|(i, &volume)| {
+                        let piece = [i % nx, i / nx % ny, i / nx / ny];
+                        let cell = self.cell(std::array::from_fn(|axis| first[axis] + piece[axis]));
+                        (cell as u32, k as u32, volume)
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .flatten_iter()
+            .collect()
     }
 
     /// Porosity, mean diameter and mobility of every cell.
     fn fill(&mut self, grains: &Grains, plan: &Plan) {
-        self.solid = self.of_cells.sums();
+        let cells = self.census.cells;
+        // Volume, number and volume over diameter of the grains in each cell.
+        let mut sums = vec![[0.0; 3]; cells];
+        for (cell, k, part) in self.pieces(grains, plan.transfer) {
+            let radius = grains.radius[k as usize];
+            let [solid, count, per_diameter] = &mut sums[cell as usize];
+            *solid += part;
+            *count += part / grains.shape.volume(radius);
+            *per_diameter += part / (2.0 * radius);
+        }
+        self.solid = sums.iter().map(|[solid, ..]| *solid).collect();
         let all: f64 = grains.volume();
         let surface: f64 = grains.radius.iter().map(|&r| grains.shape.volume(r) / (2.0 * r)).sum();
-        for cell in 0..self.census.cells {
-            let (mut count, mut per_diameter) = (0.0, 0.0);
-            for (k, part) in self.of_cells.row(cell) {
-                let radius = grains.radius[k];
-                count += part / grains.shape.volume(radius);
-                per_diameter += part / (2.0 * radius);
-            }
+        for (cell, &[_, count, per_diameter]) in sums.iter().enumerate() {
             let (solid, volume) = (self.solid[cell], self.volume(cell));
             let empty = solid <= NO_SOLID * volume;
             self.census.empty += usize::from(empty);
@@ -465,12 +428,4 @@ impl Grid {
             mean[next - 1] + (mean[next] - mean[next - 1]) * part
         })
     }
-}
-
-/// Rows being written.
-#[derive(Default)]
-struct Rows {
-    lengths: Vec<u32>,
-    index: Vec<u32>,
-    part: Vec<f64>,
 }

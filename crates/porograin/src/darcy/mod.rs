@@ -1,5 +1,6 @@
 //! Coarse water: Darcy's law on a grid of cells larger than the grains (Goodarzi et al. 2013, `physics` §5).
 
+pub mod corners;
 pub mod drag;
 pub mod grid;
 pub mod permeability;
@@ -11,7 +12,7 @@ pub use permeability::{Drag, Permeability};
 pub use pressure::{Flows, System, Terms};
 pub use transfer::Transfer;
 
-use drag::Resistance;
+use corners::{Field, Four, Moving, Pull};
 
 use crate::boundary::{Domain, Face, Water};
 use crate::grains::{Grains, Loads, Shape};
@@ -37,7 +38,7 @@ pub struct Darcy {
     pub drag: Drag,
     /// The grains are distributed anew as soon as one has moved by this part of the mean diameter [-].
     pub renew: f64,
-    /// Relative residual of the pressure solve.
+    /// Residual of the pressure solve, relative to all flows of grains and water between cells.
     pub residual: f64,
 }
 
@@ -98,6 +99,8 @@ pub struct GridState {
     pub slowed: Vec<f64>,
     /// Excess pressure of each cell and wall face [Pa].
     pub pressure: Vec<f64>,
+    /// By how much that of each cell changed in the last step [Pa].
+    pub change: Vec<f64>,
 }
 
 /// What is kept between steps to be fast.
@@ -105,12 +108,14 @@ pub struct GridState {
 pub struct Scratch {
     made: Option<(u64, Grid)>,
     system: Option<(u64, System)>,
-    velocity: Vec<DVec3>,
+    /// What all other forces and the pressures so far make of the velocities, where threads need it.
+    velocity: Vec<Four>,
     /// Force of the pressures of the state on each grain; empty until known.
-    pressed: Vec<DVec3>,
-    resistance: Resistance,
-    /// Drag on each grain in this step.
-    dragged: Vec<DVec3>,
+    pulled: Vec<Pull>,
+    /// Sum of volume times velocity of the grains around each corner.
+    carried: Vec<Four>,
+    /// Pull of the pressures and drag around each corner.
+    field: Vec<Field>,
     imposed: Vec<f64>,
     /// What the last step did to the water.
     pub flows: Flows,
@@ -212,7 +217,7 @@ fn renew(
     scratch: &mut Scratch,
 ) {
     let count = |planes: &[Vec<f64>; 3]| [0, 1, 2].map(|axis| planes[axis].len());
-    let kept = water.take().filter(|old| count(&old.planes) == count(&planes)).map(|old| old.pressure);
+    let kept = water.take().filter(|old| count(&old.planes) == count(&planes));
     let mut state = GridState {
         settings: settings.clone(),
         viscosity: around.fluid[0],
@@ -222,12 +227,16 @@ fn renew(
         planes,
         slowed,
         pressure: Vec::new(),
+        change: Vec::new(),
     };
     scratch.made = None;
     scratch.system = None;
     make(&state, around.grains, scratch);
     if let Some((_, grid)) = &scratch.made {
-        state.pressure = kept.unwrap_or_else(|| vec![0.0; grid.nodes()]);
+        (state.pressure, state.change) = match kept {
+            Some(old) => (old.pressure, old.change),
+            None => (vec![0.0; grid.nodes()], vec![0.0; grid.census.cells]),
+        };
     }
     *water = Some(state);
 }
@@ -247,7 +256,7 @@ fn make(state: &GridState, grains: &Grains, scratch: &mut Scratch) {
     };
     scratch.made = Some((state.made_at_step, Grid::new(&then, &plan)));
     scratch.system = None;
-    scratch.pressed.clear();
+    scratch.pulled.clear();
 }
 
 /// Number of cells along each axis in a box of this size [m].
@@ -351,21 +360,20 @@ fn next_planes(
 
 /// Mean over each plane of the displacement of the grains around it.
 fn plane_shifts(grid: &Grid, axis: usize, shift: impl Fn(usize) -> f64) -> Vec<f64> {
-    let planes = grid.planes[axis].len();
-    let mut sum = vec![[0.0; 2]; planes];
-    let mut dims = grid.count;
-    dims[axis] += 1;
-    for (number, link) in grid.links(axis).enumerate() {
-        let at = [number % dims[0], number / dims[0] % dims[1], number / dims[0] / dims[1]][axis];
-        let (mut mean, mut weight) = (0.0, 0.0);
-        for (k, part) in grid.of_links[axis].row(number) {
-            mean += part * shift(k);
-            weight += part;
-        }
-        sum[at][0] += grid.area[link] * mean;
-        sum[at][1] += grid.area[link] * weight;
+    let grains = grid.corners.grains();
+    let shifts: Vec<DVec3> = (0..grains).map(|k| DVec3::splat(shift(k))).collect();
+    let (force, pulled) = (vec![DVec3::ZERO; grains], vec![Pull::default(); grains]);
+    let moving = Moving { velocity: &shifts, mass: &vec![1.0; grains], kick: 0.0 };
+    let (mut value, mut carried) = (Vec::new(), Vec::new());
+    grid.corners.sums(&moving.under(&force, &pulled), &mut value, &mut carried);
+    let mut sum = vec![[0.0; 2]; grid.planes[axis].len()];
+    let [nx, ny, _] = grid.corners.count;
+    for (corner, (carried, solid)) in carried.iter().zip(&grid.corners.solid).enumerate() {
+        let at = [corner % nx, corner / nx % ny, corner / nx / ny][axis];
+        sum[at][0] += carried[0];
+        sum[at][1] += solid;
     }
-    sum.iter().map(|[s, w]| if *w > 0.0 { s / w } else { 0.0 }).collect()
+    sum.iter().map(|[sum, solid]| if *solid > 0.0 { sum / solid } else { 0.0 }).collect()
 }
 
 /// Part of the viscous mobility that Ergun's quadratic term leaves in each cell, under the pressures of the state.
@@ -403,10 +411,18 @@ fn slowing(grid: &Grid, state: &GridState, density: f64) -> Vec<f64> {
 pub fn impose(faces: &[Face; 6], time: f64, scratch: &mut Scratch) -> Result<(), DVec3> {
     let Scratch { made: Some((_, grid)), imposed, .. } = scratch else { return Ok(()) };
     imposed.clear();
+    let same = faces.each_ref().map(|face| match &face.water {
+        Water::Pressure(signal) | Water::Inflow(signal) if signal.varies_in_space() => None,
+        Water::Pressure(signal) | Water::Inflow(signal) => Some(signal.at(time)),
+        Water::Sealed => Some(0.0),
+    });
     for (w, &face) in grid.wall_face.iter().enumerate() {
-        let value = match &faces[face as usize].water {
-            Water::Pressure(signal) | Water::Inflow(signal) => signal.field(grid.wall_centre(w), time),
-            Water::Sealed => 0.0,
+        let face = face as usize;
+        let value = match (same[face], &faces[face].water) {
+            (None, Water::Pressure(signal) | Water::Inflow(signal)) => {
+                signal.field(grid.wall_centre(w), time)
+            }
+            (value, _) => value.unwrap_or(0.0),
         };
         if !value.is_finite() {
             return Err(grid.wall_centre(w));
@@ -431,34 +447,21 @@ pub fn advance(
     wall_velocity: [DVec3; 6],
     scratch: &mut Scratch,
 ) -> Result<Info, Error> {
-    let Scratch { made, system, velocity, pressed, resistance, dragged, imposed, flows } = scratch;
+    let Scratch { made, system, velocity, pulled, carried, field, imposed, flows } = scratch;
     let Some((at, grid)) = made else { return Err(Error::Memory) };
-    let grains = around.grains;
-    if pressed.len() != grains.len() {
-        pressed.resize(grains.len(), DVec3::ZERO);
-        pressure::force(grid, &state.pressure, pressed);
+    let moving = moving(around.grains, terms.kick);
+    if pulled.len() != around.grains.len() {
+        *pulled = pressure::force(grid, &state.pressure).1;
     }
-    velocity.resize(grains.len(), DVec3::ZERO);
-    velocity.par_iter_mut().with_min_len(1024).enumerate().for_each(|(k, v)| {
-        *v = grains.velocity[k] + terms.kick / grains.mass[k] * (loads.force[k] + pressed[k]);
-    });
-    resistance.feel(grid, velocity, terms.kick);
-    dragged.resize(grains.len(), DVec3::ZERO);
-    (velocity.par_iter_mut(), dragged.par_iter_mut())
-        .into_par_iter()
-        .with_min_len(1024)
-        .enumerate()
-        .for_each(|(k, (v, force))| {
-            *force = resistance.on(grid, k, *v);
-            *v += terms.kick / grains.mass[k] * *force;
-        });
+    grid.corners.sums(&moving.under(&loads.force, pulled), velocity, carried);
     if system.as_ref().is_none_or(|(made_at, system)| made_at != at || system.terms != terms) {
-        *system = Some((*at, System::new(grid, grains, terms)?));
+        *system = Some((*at, System::new(grid, terms)?));
     }
     let Some((_, system)) = system else { return Err(Error::Memory) };
-    let outside = pressure::Outside { velocity, wall_velocity, imposed };
-    let (info, done) = system.advance(grid, &outside, &mut state.pressure)?;
+    let outside = pressure::Outside { carried, wall_velocity, imposed };
+    let (info, done) = system.advance(grid, &outside, &mut state.pressure, &mut state.change)?;
     *flows = done;
+    system.field(grid, &outside, &state.pressure, field);
     Ok(info)
 }
 
@@ -481,11 +484,10 @@ pub fn permeability_along(settings: &Darcy, around: &Around, axis: usize) -> Res
     let drop = 1.0;
     let imposed: Vec<f64> =
         grid.wall_face.iter().map(|&face| if face as usize == 2 * axis { drop } else { 0.0 }).collect();
-    let velocity = vec![DVec3::ZERO; around.grains.len()];
-    let outside =
-        pressure::Outside { velocity: &velocity, wall_velocity: [DVec3::ZERO; 6], imposed: &imposed };
-    let (_, flows) = System::new(grid, around.grains, terms)
-        .and_then(|mut system| system.advance(grid, &outside, &mut water.pressure))
+    let carried = vec![[0.0; 4]; grid.corners.len()];
+    let outside = pressure::Outside { carried: &carried, wall_velocity: [DVec3::ZERO; 6], imposed: &imposed };
+    let (_, flows) = System::new(grid, terms)
+        .and_then(|mut system| system.advance(grid, &outside, &mut water.pressure, &mut water.change))
         .map_err(|error| error.to_string())?;
     let planes = &grid.planes[axis];
     let length = planes[planes.len() - 1] - planes[0];
@@ -502,15 +504,17 @@ pub fn permeability_along(settings: &Darcy, around: &Around, axis: usize) -> Res
 /// Adds the forces of the pressures on grains and walls, and the drag of grains that move against the mean of their
 /// cell: together Goodarzi's (8), `[beta/(1 - n) (v - v_p) - grad p] V_p` with `v = v_s + w/n`, v_s the mean velocity of
 /// the grains, as `beta w/n = -n grad p`.
-pub fn add(loads: &mut Loads, state: &GridState, scratch: &mut Scratch) {
-    let Scratch { made: Some((_, grid)), system: Some((_, system)), pressed, dragged, .. } = scratch else {
+pub fn add(loads: &mut Loads, state: &GridState, grains: &Grains, scratch: &mut Scratch) {
+    let Scratch { made: Some((_, grid)), system: Some((_, system)), pulled, field, .. } = scratch else {
         return;
     };
-    pressure::force(grid, &state.pressure, pressed);
     let walls = pressure::wall_force(grid, &state.pressure, &system.terms.open);
     for (sum, force) in loads.wall.iter_mut().zip(walls) {
         *sum += force;
     }
-    let forces = pressed.iter().zip(&*dragged);
-    loads.force.iter_mut().zip(forces).for_each(|(sum, (pressed, dragged))| *sum += *pressed + *dragged);
+    grid.corners.load(field, &moving(grains, system.terms.kick), pulled, &mut loads.force);
+}
+
+fn moving(grains: &Grains, kick: f64) -> Moving<'_> {
+    Moving { velocity: &grains.velocity, mass: &grains.mass, kick }
 }

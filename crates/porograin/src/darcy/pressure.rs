@@ -9,12 +9,12 @@
 //!
 //! The node of a wall has one link only and is eliminated.
 
+use super::corners::{Field, Four, Moving, Pull};
+use super::drag::Resistance;
 use super::grid::Grid;
-use crate::grains::Grains;
 use glam::DVec3;
 use porograin_geometry::cell::NORMALS;
 use porograin_linear::{Error, FIXED, Info, Matrix, Params, Solver};
-use rayon::prelude::*;
 
 /// What a system is made for, besides its grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,15 +29,15 @@ pub struct Terms {
     pub open: [bool; 6],
     /// Mass of each wall that is a piston [kg].
     pub pistons: [Option<f64>; 6],
-    /// Relative residual of the solve.
+    /// Residual of the solve, relative to all flows of grains and water between cells.
     pub residual: f64,
 }
 
 /// What comes from outside in one step.
 pub struct Outside<'a> {
-    /// Velocity of each grain before the water's force changes [m/s].
-    pub velocity: &'a [DVec3],
-    /// The same of each wall.
+    /// Sum of volume times velocity of the grains around each corner [m⁴/s], before the water's force changes.
+    pub carried: &'a [Four],
+    /// The velocity of each wall then [m/s].
     pub wall_velocity: [DVec3; 6],
     /// By wall node: the pressure where it is imposed [Pa], elsewhere the inflow per area [m/s].
     pub imposed: &'a [f64],
@@ -66,10 +66,12 @@ pub struct System {
     stiffened: Vec<f64>,
     /// What a piston gives at each wall node [m³/(Pa s)].
     give: Vec<f64>,
+    /// What each row sums to: storage and what holds the level of the pressure [m³/(Pa s)].
+    excess: Vec<f64>,
+    resistance: Resistance,
     /// Nothing holds the level of the pressure: the first cell does not change in the solve, then the mean stays.
     level_is_free: bool,
     rhs: Vec<f64>,
-    change: Vec<f64>,
     flux: Vec<f64>,
 }
 
@@ -78,7 +80,7 @@ impl System {
     ///
     /// # Errors
     /// Those of the solver.
-    pub fn new(grid: &Grid, grains: &Grains, terms: Terms) -> Result<System, Error> {
+    pub fn new(grid: &Grid, terms: Terms) -> Result<System, Error> {
         let cells = grid.census.cells;
         let storage: Vec<f64> = (0..cells)
             .map(|cell| {
@@ -88,7 +90,7 @@ impl System {
             .collect();
         let mut stiffened = grid.conductance.clone();
         if terms.kick > 0.0 {
-            add_inertia(grid, grains, terms.kick, &mut stiffened);
+            add_inertia(grid, terms.kick, &mut stiffened);
         }
         let mut swept = [0.0; 6];
         for (w, &face) in grid.wall_face.iter().enumerate() {
@@ -131,14 +133,16 @@ impl System {
             storage,
             stiffened,
             give,
+            excess: extra,
+            resistance: Resistance::new(grid, terms.kick),
             level_is_free,
             rhs: vec![0.0; cells],
-            change: vec![0.0; cells],
             flux: vec![0.0; grid.ends.len()],
         })
     }
 
-    /// Takes the pressures of all nodes [Pa] one step further.
+    /// Takes the pressures of all nodes [Pa] one step further. `change` is by how much those of the cells changed in the last
+    /// step, then in this one: where the solve starts.
     ///
     /// # Errors
     /// Those of the solver.
@@ -147,18 +151,24 @@ impl System {
         grid: &Grid,
         outside: &Outside,
         pressure: &mut [f64],
+        change: &mut [f64],
     ) -> Result<(Info, Flows), Error> {
         let cells = grid.census.cells;
-        carried(grid, outside.velocity, &mut self.flux);
-        self.rhs.fill(0.0);
-        for ((&[low, high], &g), flux) in grid.ends.iter().zip(&grid.conductance).zip(&mut self.flux) {
-            *flux += g * (pressure[low as usize] - pressure[high as usize]);
-            for (end, sign) in [(low as usize, -1.0), (high as usize, 1.0)] {
-                if end < cells {
-                    self.rhs[end] += sign * *flux;
-                }
-            }
+        let mut size = 0.0;
+        for axis in 0..3 {
+            let [_, a, b, c] = grid.across(axis);
+            grid.each_link(axis, |link, corner| {
+                // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
+                let of = |step: usize| outside.carried[corner + step][axis];
+                let carried = grid.hold[link] * ((of(0) + of(a)) + (of(b) + of(c)));
+                let [low, high] = grid.ends[link].map(|end| end as usize);
+                let flow = grid.conductance[link] * (pressure[low] - pressure[high]);
+                size += carried * carried + flow * flow;
+                self.flux[link] = carried + flow;
+            });
         }
+        self.rhs.fill(0.0);
+        grid.gather(&self.flux, &mut self.rhs);
         // What a wall node cannot keep goes to its cell; what a held one changes by drags its cell along.
         for (w, &link) in grid.wall_link.iter().enumerate() {
             let (link, face) = (link as usize, grid.wall_face[w] as usize);
@@ -171,18 +181,30 @@ impl System {
             }
         }
         let first = usize::from(self.level_is_free);
-        self.change.fill(0.0);
+        let start = if first > 0 { change[0] } else { 0.0 };
+        change.iter_mut().for_each(|change| *change -= start);
+        self.solver.params_mut().floor = f64::sqrt(size);
         let info = if cells > first {
-            self.solver.solve(&self.matrix, &self.rhs[first..], &mut self.change[first..])?
+            self.solver.solve(&self.matrix, &self.rhs[first..], &mut change[first..])?
         } else {
             Info { method: porograin_linear::Method::Cholesky, iterations: 0, residual: 0.0 }
         };
-        if self.level_is_free {
+        // What the solve leaves over, all cells together, is none: the level takes it up, or where it is free keeps its mean.
+        let shift = if self.level_is_free {
             let volume: f64 = (0..cells).map(|cell| grid.volume(cell)).sum();
-            let sum: f64 = self.change.iter().enumerate().map(|(cell, d)| d * grid.volume(cell)).sum();
-            self.change.iter_mut().for_each(|d| *d -= sum / volume);
-        }
-        Ok((info, self.finish(grid, outside, pressure)))
+            -change.iter().enumerate().map(|(cell, d)| d * grid.volume(cell)).sum::<f64>() / volume
+        } else {
+            let taken: f64 = self.excess.iter().zip(&*change).map(|(excess, change)| excess * change).sum();
+            (self.rhs.iter().sum::<f64>() - taken) / self.excess.iter().sum::<f64>()
+        };
+        change.iter_mut().for_each(|change| *change += shift);
+        Ok((info, self.finish(grid, outside, pressure, change)))
+    }
+
+    /// The pull of the pressures and the drag around each corner.
+    pub fn field(&self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
+        self.resistance.around(outside.carried, field);
+        pull(grid, pressure, field);
     }
 
     /// Net flux into wall node `w` from outside and from its link, before pressures change [m³/s].
@@ -194,10 +216,10 @@ impl System {
     }
 
     /// Changes the pressures and sums up the flows.
-    fn finish(&mut self, grid: &Grid, outside: &Outside, pressure: &mut [f64]) -> Flows {
+    fn finish(&mut self, grid: &Grid, outside: &Outside, pressure: &mut [f64], change: &[f64]) -> Flows {
         let cells = grid.census.cells;
         let mut flows = Flows::default();
-        for (cell, (&change, &storage)) in self.change.iter().zip(&self.storage).enumerate() {
+        for (cell, (&change, &storage)) in change.iter().zip(&self.storage).enumerate() {
             pressure[cell] += change;
             flows.stored += storage * change;
         }
@@ -205,7 +227,7 @@ impl System {
             let (link, face) = (link as usize, grid.wall_face[w] as usize);
             let (g, give) = (self.stiffened[link], self.give[w]);
             let outwards = outside.wall_velocity[face].dot(NORMALS[face]);
-            let of_cell = self.change[inner(grid, link)];
+            let of_cell = change[inner(grid, link)];
             let area = grid.area[link];
             if self.terms.open[face] {
                 let change = outside.imposed[w] - pressure[cells + w];
@@ -240,50 +262,29 @@ fn inner(grid: &Grid, link: usize) -> usize {
     low.min(high) as usize
 }
 
-/// `Sᵀ v`: the volume of solid and water together that moving grains carry along each link [m³/s].
-///
-/// Each link sums its grains in rising order, whether they are gathered (threads) or scattered (one thread).
-fn carried(grid: &Grid, velocity: &[DVec3], out: &mut [f64]) {
-    if rayon::current_num_threads() == 1 {
-        out.fill(0.0);
-        for axis in 0..3 {
-            let out = &mut out[grid.links(axis)];
-            if !out.is_empty() {
-                for (k, v) in velocity.iter().enumerate() {
-                    let along = v[axis];
-                    for (link, weight) in grid.in_links[axis].row(k) {
-                        out[link] += weight * along;
-                    }
-                }
-            }
-        }
-        out.iter_mut().zip(&grid.area).for_each(|(out, area)| *out *= area);
-        return;
-    }
+/// Adds the force of the pressures [Pa] per volume of the grains around each corner.
+fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field]) {
     for axis in 0..3 {
-        let (links, shares) = (grid.links(axis), &grid.of_links[axis]);
-        let area = &grid.area[links.clone()];
-        out[links].par_iter_mut().with_min_len(256).enumerate().for_each(|(link, out)| {
-            let mean = shares.row(link).fold(0.0, |sum, (k, weight)| sum + weight * velocity[k][axis]);
-            *out = mean * area[link];
+        let across = grid.across(axis);
+        grid.each_link(axis, |link, corner| {
+            let [low, high] = grid.ends[link];
+            let pull = grid.hold[link] * (pressure[low as usize] - pressure[high as usize]);
+            for step in across {
+                field[corner + step].pull[axis] += pull;
+            }
         });
     }
 }
 
-/// `S p`: the force of the pressures [Pa] on each grain [N].
-pub fn force(grid: &Grid, pressure: &[f64], force: &mut [DVec3]) {
-    let pull: Vec<f64> = (grid.ends.iter().zip(&grid.area))
-        .map(|(&[low, high], area)| area * (pressure[low as usize] - pressure[high as usize]))
-        .collect();
-    let pull: [&[f64]; 3] = std::array::from_fn(|axis| &pull[grid.links(axis)]);
-    force.par_iter_mut().with_min_len(1024).enumerate().for_each(|(k, force)| {
-        *force = DVec3::from_array(std::array::from_fn(|axis| {
-            if pull[axis].is_empty() {
-                return 0.0;
-            }
-            grid.in_links[axis].row(k).fold(0.0, |sum, (link, weight)| sum + weight * pull[axis][link])
-        }));
-    });
+/// `S p`: the force of the pressures [Pa] on each grain [N], and the same as it serves to foresee.
+pub fn force(grid: &Grid, pressure: &[f64]) -> (Vec<DVec3>, Vec<Pull>) {
+    let mut field = vec![Field::default(); grid.corners.len()];
+    pull(grid, pressure, &mut field);
+    let grains = grid.corners.grains();
+    let (mut pulled, mut force) = (vec![Pull::default(); grains], vec![DVec3::ZERO; grains]);
+    let moving = Moving { velocity: &vec![DVec3::ZERO; grains], mass: &vec![1.0; grains], kick: 0.0 };
+    grid.corners.load(&field, &moving, &mut pulled, &mut force);
+    (force, pulled)
 }
 
 /// Force of the pressures [Pa] on each wall [N]; at an open face the water outside pushes back.
@@ -299,20 +300,22 @@ pub fn wall_force(grid: &Grid, pressure: &[f64], open: &[bool; 6]) -> [DVec3; 6]
     force
 }
 
-/// Adds `k` times the row sums of `Sᵀ M⁻¹ S` over the links along each axis.
-fn add_inertia(grid: &Grid, grains: &Grains, kick: f64, conductance: &mut [f64]) {
+/// Adds `k` times the row sums of `Sᵀ M⁻¹ S` over the links along each axis, every grain as light as the lightest.
+///
+/// It is at least `k Sᵀ M⁻¹ S`, and so much at least that pressures and drag together never turn a motion round: with
+/// `x_v` the parts of the grains around corner v, `s_v` their sum, density rho, the pressures take at most `sum of rho/k x_v x_vᵀ/s_v`
+/// and the drag `sum of r_v (diag(x_v) - x_v x_vᵀ/s_v)`, `r_v <= rho/k`, of what the kick would turn, `sum of rho/k diag(x_v)`.
+fn add_inertia(grid: &Grid, kick: f64, conductance: &mut [f64]) {
     for axis in 0..3 {
-        let links = grid.links(axis);
-        let area = &grid.area[links.clone()];
-        if links.is_empty() {
-            continue;
-        }
-        let mobility: Vec<f64> = (0..grains.len())
-            .map(|k| grid.in_links[axis].row(k).map(|(link, w)| w * area[link]).sum::<f64>() / grains.mass[k])
-            .collect();
-        for (link, g) in conductance[links].iter_mut().enumerate() {
-            let mean: f64 = grid.of_links[axis].row(link).map(|(k, weight)| weight * mobility[k]).sum();
-            *g += kick * area[link] * mean;
-        }
+        let across = grid.across(axis);
+        let mut hold = vec![0.0; grid.corners.len()];
+        grid.each_link(axis, |link, corner| {
+            across.iter().for_each(|step| hold[corner + step] += grid.hold[link])
+        });
+        let give = |corner: usize| grid.corners.solid[corner] * hold[corner];
+        grid.each_link(axis, |link, corner| {
+            let sum: f64 = across.iter().map(|step| give(corner + step)).sum();
+            conductance[link] += kick / grid.density * grid.hold[link] * sum;
+        });
     }
 }

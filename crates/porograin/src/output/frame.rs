@@ -28,7 +28,7 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         mesh.add_loads(pressure, &mut water);
     }
     if let Some((grid, pressure)) = now.grid() {
-        darcy::pressure::force(grid, pressure, &mut water.force);
+        water.force = darcy::pressure::force(grid, pressure).0;
     }
     let fluid_force = vectors(&water.force);
     let stress = measure::grain_stress(now.state, now.model);
