@@ -130,14 +130,14 @@ fn void_and_surface_partition_every_cell() {
             assert!(t.hidden.is_empty());
             let seen = |g: usize| 4.0 * PI * r[g] * r[g];
             let solid: f64 = (0..n).map(|g| seen(g) * r[g] / 3.0).sum();
-            assert!((void - (cell.volume() - solid)).abs() < 1e-9 * cell.volume(), "{void} {solid}");
+            assert!((void - (cell.volume() - solid)).abs() < 1e-10 * cell.volume(), "{void} {solid}");
             for g in 0..n {
-                assert!((grains[g] - seen(g)).abs() < 1e-9 * seen(g), "grain {g} of {n}: {}", grains[g]);
+                assert!((grains[g] - seen(g)).abs() < 1e-10 * seen(g), "grain {g} of {n}: {}", grains[g]);
             }
             for (face, found) in walls.into_iter().enumerate() {
                 let e = |k: usize| cell.edges.col((face / 2 + k) % 3);
                 let expected = if cell.periodic[face / 2] { 0.0 } else { e(1).cross(e(2)).length() };
-                assert!((found - expected).abs() < 1e-9, "face {face}: {found} {expected}");
+                assert!((found - expected).abs() < 1e-10, "face {face}: {found} {expected}");
             }
         }
     }

@@ -77,9 +77,9 @@ proptest! {
         let t = Triangulation::new(&cell, &x, &r).unwrap();
         let packing = Packing { cell: &cell, position: &x, radius: &r };
         let pores: f64 = (0..t.pores.len()).map(|p| pore_volume(packing, &t, p)).sum();
-        prop_assert!((pores - 1.0).abs() < 1e-9, "pores {pores}");
+        prop_assert!((pores - 1.0).abs() < 1e-10, "pores {pores}");
         let cells: f64 = voronoi(packing, &t, &radical_centres(packing, &t)).volume.iter().sum();
-        prop_assert!((cells - 1.0).abs() < 1e-6, "power cells {cells}");
+        prop_assert!((cells - 1.0).abs() < 1e-9, "power cells {cells}");
     }
 
     /// Anything at all: an error or a result, no panic and no hang.
