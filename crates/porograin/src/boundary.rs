@@ -1,6 +1,7 @@
 //! The faces of the domain: where they are now, what they do to grains, what they do to water.
 
 use crate::expression::Expression;
+use crate::membrane::Skin;
 use crate::walls::{Glue, Place};
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
@@ -32,6 +33,8 @@ pub struct Domain {
     pub walls: Vec<Place>,
     /// The grains that are glued to walls.
     pub glue: Glue,
+    /// The membrane, where there is one.
+    pub skin: Skin,
 }
 
 impl Domain {
@@ -47,6 +50,7 @@ impl Domain {
             crossed: Vec::new(),
             walls: Vec::new(),
             glue: Glue::default(),
+            skin: Skin::default(),
         }
     }
 

@@ -25,6 +25,7 @@ pub use walls::{SHAPES, ShapeTable, WallRule, WallTable};
 use crate::boundary::{FACE_NAMES, Face, Signal, Slip, Solid, Water};
 use crate::cell::CellRule;
 use crate::contact::Law;
+use crate::membrane::Membrane;
 use crate::model::{FluidModel, TimeStep};
 use crate::output::plot::Plot;
 use crate::packing::{self, Amount, Grading};
@@ -60,6 +61,8 @@ pub struct Case {
     /// Walls besides those at the faces; stages may override how they move.
     #[serde(default)]
     pub wall: Vec<WallTable>,
+    /// A flexible membrane around the sample; stages may replace it.
+    pub membrane: Option<Membrane>,
     /// What drives the periodic cell; stages may replace it.
     pub cell: Option<CellRule>,
     /// Acceleration [m/s²].

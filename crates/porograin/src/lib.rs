@@ -15,6 +15,7 @@ pub mod grains;
 pub mod gravity;
 pub mod import;
 pub mod measure;
+pub mod membrane;
 pub mod model;
 pub mod motion;
 pub mod output;

@@ -4,6 +4,7 @@ use crate::boundary::{Face, Water};
 use crate::cell::CellRule;
 use crate::contact::Laws;
 use crate::darcy::Darcy;
+use crate::membrane::Membrane;
 use crate::pores::{PointWater, Pores};
 use crate::walls::Wall;
 use glam::DVec3;
@@ -24,6 +25,8 @@ pub struct Model {
     pub faces: [Face; 6],
     /// The walls that the case adds.
     pub walls: Vec<Wall>,
+    /// The flexible membrane around the sample.
+    pub membrane: Option<Membrane>,
     /// What drives the periodic cell.
     pub cell: CellRule,
     /// The water; `None` when the stage is dry.

@@ -5,6 +5,7 @@ use crate::contact::{self, Surroundings};
 use crate::fluid;
 use crate::grains::Loads;
 use crate::gravity;
+use crate::membrane;
 use crate::model::Model;
 use crate::motion;
 use crate::stability::{self, Limit};
@@ -75,6 +76,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     gravity::add(loads, grains, model.gravity);
     fluid::lift(loads, grains, model);
     contact::add(loads, touching, &surroundings, state.dt, contacts);
+    membrane::add(loads, state, model).map_err(StepError::Membrane)?;
     timers.lap("contact");
     let (dt, limit) = stability::time_step(state, model, held);
     timers.lap("time step");
@@ -144,6 +146,8 @@ pub enum StepError {
         /// What it takes [m].
         room: f64,
     },
+    /// The outer grains cannot be found.
+    Membrane(String),
     /// The water cannot be computed.
     Fluid(String),
 }
@@ -163,7 +167,7 @@ impl fmt::Display for StepError {
                  least {room:.4e} m, twice the largest diameter and some room to move: make the cell larger or the grains \
                  smaller"
             ),
-            StepError::Fluid(why) => f.write_str(why),
+            StepError::Fluid(why) | StepError::Membrane(why) => f.write_str(why),
         }
     }
 }

@@ -63,6 +63,8 @@ pub enum Measure {
     FaceStress,
     /// Force of the grains on each wall that the case adds, and its moment about the wall's centre.
     WallForce,
+    /// Area of the membrane and volume inside it.
+    Membrane,
     /// Mean stress carried by the contacts.
     Stress,
     /// All nine components of it.
@@ -98,7 +100,7 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 22] = [
+    pub const ALL: [Measure; 23] = [
         Measure::Porosity,
         Measure::Grading,
         Measure::Size,
@@ -107,6 +109,7 @@ impl Measure {
         Measure::Unbalanced,
         Measure::FaceStress,
         Measure::WallForce,
+        Measure::Membrane,
         Measure::Stress,
         Measure::StressTensor,
         Measure::CellStrain,
@@ -148,6 +151,7 @@ impl Measure {
             Measure::FaceStress => {
                 "normal stress on each face, grains and water together, compression positive"
             }
+            Measure::Membrane => "area of the membrane and volume inside it",
             Measure::WallForce => {
                 "force of the grains on each wall that the case adds, and its moment about the wall's centre"
             }
@@ -193,6 +197,7 @@ impl Measure {
             Measure::Surface => list(&["surface [m]"]),
             Measure::Unbalanced => list(&["unbalanced [-]"]),
             Measure::FaceStress => faces("stress", "Pa"),
+            Measure::Membrane => list(&["membrane_area [m2]", "membrane_volume [m3]"]),
             Measure::WallForce => {
                 let of = |wall: &String| {
                     let name = |kind: &str, unit: &str| {
@@ -273,6 +278,8 @@ impl Measure {
             }
             Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
             Measure::FaceStress => measure::wall_stress(domain).to_vec(),
+            Measure::Membrane if domain.skin.made_at_step.is_none() => return None,
+            Measure::Membrane => domain.skin.area_and_volume(grains).to_vec(),
             Measure::WallForce => {
                 let of = |place: &Place| [place.force.to_array(), place.moment.to_array()].concat();
                 domain.walls.iter().flat_map(of).collect()

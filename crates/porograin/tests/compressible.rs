@@ -49,6 +49,7 @@ fn model(viscosity: f64, bulk_modulus: Option<f64>, stepping: Stepping, strain: 
         faces: Default::default(),
         cell: Default::default(),
         walls: Vec::new(),
+        membrane: None,
         fluid: Some(FluidModel { viscosity, density: 1000.0, bulk_modulus, flow: Flow::Pores(pores) }),
         stage_start: 0.0,
     }

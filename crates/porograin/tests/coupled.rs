@@ -53,6 +53,7 @@ fn cube(n: usize, viscosity: f64) -> (State, Model) {
         damping: 0.0,
         faces,
         walls: Vec::new(),
+        membrane: None,
         cell: Default::default(),
         fluid: Some(FluidModel {
             viscosity,

@@ -13,6 +13,7 @@ fn model(stiffness_ratio: f64, friction: f64) -> Model {
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction, ..Face::default() }),
         walls: Vec::new(),
+        membrane: None,
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,

@@ -18,6 +18,7 @@ fn model(stiffness_ratio: f64, friction: f64) -> Model {
         damping: 0.0,
         faces: std::array::from_fn(|_| Face::default()),
         walls: Vec::new(),
+        membrane: None,
         cell: CellRule::default(),
         fluid: None,
         stage_start: 0.0,

@@ -40,6 +40,7 @@ fn sample(faces: [Face; 6], step: Stepping) -> (State, Model) {
         damping: 0.0,
         faces,
         walls: Vec::new(),
+        membrane: None,
         cell: Default::default(),
         fluid: Some(FluidModel {
             viscosity: 1e-3,

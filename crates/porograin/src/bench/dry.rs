@@ -57,6 +57,7 @@ pub fn dry_model() -> Model {
         damping: 0.2,
         faces: std::array::from_fn(|_| Face::default()),
         walls: Vec::new(),
+        membrane: None,
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,

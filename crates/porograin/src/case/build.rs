@@ -83,6 +83,7 @@ impl Case {
             damping: stage.damping.or(self.damping).unwrap_or(default_damping),
             faces,
             walls: self.walls_in(k),
+            membrane: stage.membrane.clone().or_else(|| self.membrane.clone()),
             cell: stage.cell.clone().or_else(|| self.cell.clone()).unwrap_or_default(),
             fluid,
             stage_start: start,

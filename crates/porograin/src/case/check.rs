@@ -151,6 +151,7 @@ impl Case {
             self.sealed(k)?;
             self.glue(k)?;
             self.water_in_periods(k)?;
+            self.membrane(k)?;
             self.inflow(k)?;
             if stage.consolidation && self.model(k, 0.0).fluid.is_none() {
                 return self.refuse(

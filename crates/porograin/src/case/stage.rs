@@ -5,6 +5,7 @@ use crate::boundary::Signal;
 use crate::cell::CellRule;
 use crate::compaction::Compact;
 use crate::contact::Law;
+use crate::membrane::Membrane;
 use crate::model::{Flow, TimeStep};
 use crate::trouble::On;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
@@ -29,6 +30,8 @@ pub struct StageTable {
     /// What is different about walls, by name.
     #[serde(default)]
     pub wall: BTreeMap<String, WallRule>,
+    /// Another membrane, complete.
+    pub membrane: Option<Membrane>,
     /// Another rule of the periodic cell, complete.
     pub cell: Option<CellRule>,
     /// Another gravity [m/s²].

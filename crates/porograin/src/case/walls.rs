@@ -378,6 +378,31 @@ impl Case {
             .hint("leave `glue` out, or give the stage glue = false"))
     }
 
+    /// A membrane holds dry spheres in a box.
+    pub(super) fn membrane(&self, k: usize) -> Result<(), CaseError> {
+        let stage = &self.stage[k];
+        let (path, membrane) = match (&stage.membrane, &self.membrane) {
+            (Some(membrane), _) => (format!("stage.{k}.membrane"), membrane),
+            (None, Some(membrane)) => ("membrane".to_owned(), membrane),
+            (None, None) => return Ok(()),
+        };
+        self.signal_in_time(&format!("{path}.stress"), &membrane.stress)?;
+        self.optional(&format!("{path}.probe"), membrane.probe, Range::Positive)?;
+        if membrane.renew == 0 {
+            return self.refuse(&format!("{path}.renew"), "`renew` must be at least 1 step, not 0");
+        }
+        let what = if self.model(k, 0.0).fluid.is_some() {
+            format!("the stage `{}` has water", stage.name)
+        } else if self.domain.periodic.0 != [false; 3] {
+            "the domain is periodic".to_owned()
+        } else if self.domain.discs {
+            "`domain.discs` asks for discs".to_owned()
+        } else {
+            return Ok(());
+        };
+        self.refuse(&path, format!("a membrane goes around dry spheres in a box, but {what}"))
+    }
+
     /// No grain may be on the wrong side of a wall, or deep in one.
     pub(super) fn clear_of_walls(&self, grains: &Grains) -> Result<(), CaseError> {
         let (mut near, mut feet) = (Vec::new(), Vec::new());

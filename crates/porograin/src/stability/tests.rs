@@ -14,6 +14,7 @@ fn model(safety: f64) -> Model {
         damping: 0.0,
         faces: std::array::from_fn(|_| Face { friction: 60.0, ..Face::default() }),
         walls: Vec::new(),
+        membrane: None,
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,
