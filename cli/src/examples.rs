@@ -76,6 +76,15 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "12-heap",
+        about: "a tube full of grains is lifted: a heap and its angle of repose",
+        files: &[
+            ("case.toml", include_str!("../../examples/12-heap/case.toml")),
+            ("README.md", include_str!("../../examples/12-heap/README.md")),
+            ("heap.svg", include_str!("../../examples/12-heap/heap.svg")),
+        ],
+    },
+    Example {
         name: "13-triaxial",
         about: "triaxial compression of a dense (case.toml) and a loose sample (loose.toml): peak, dilation, one critical state",
         files: &[
@@ -83,6 +92,16 @@ const EXAMPLES: &[Example] = &[
             ("loose.toml", include_str!("../../examples/13-triaxial/loose.toml")),
             ("README.md", include_str!("../../examples/13-triaxial/README.md")),
             ("curves.svg", include_str!("../../examples/13-triaxial/curves.svg")),
+        ],
+    },
+    Example {
+        name: "14-inclined-flow",
+        about: "dry grains flow down a rough plane (case.toml); the friction law mu(I) of a sheared sample (shear.toml)",
+        files: &[
+            ("case.toml", include_str!("../../examples/14-inclined-flow/case.toml")),
+            ("shear.toml", include_str!("../../examples/14-inclined-flow/shear.toml")),
+            ("README.md", include_str!("../../examples/14-inclined-flow/README.md")),
+            ("flow.svg", include_str!("../../examples/14-inclined-flow/flow.svg")),
         ],
     },
     Example {
@@ -94,6 +113,16 @@ const EXAMPLES: &[Example] = &[
             ("README.md", include_str!("../../examples/15-oedometer-unload/README.md")),
             ("small.svg", include_str!("../../examples/15-oedometer-unload/small.svg")),
             ("large.svg", include_str!("../../examples/15-oedometer-unload/large.svg")),
+        ],
+    },
+    Example {
+        name: "16-silo",
+        about: "a silo with a hole in its floor runs out at Beverloo's rate: walls from an STL file, a cylinder, a lid",
+        files: &[
+            ("case.toml", include_str!("../../examples/16-silo/case.toml")),
+            ("floor.stl", include_str!("../../examples/16-silo/floor.stl")),
+            ("README.md", include_str!("../../examples/16-silo/README.md")),
+            ("rate.svg", include_str!("../../examples/16-silo/rate.svg")),
         ],
     },
     Example {

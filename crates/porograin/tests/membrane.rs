@@ -73,7 +73,8 @@ fn forces_and_moments_vanish_and_are_the_gradient_of_the_volume() {
 fn the_membrane_of_a_cubic_lattice_is_a_cube() {
     let mut position = Vec::new();
     for k in 0..125 {
-        position.push(DVec3::splat(0.3) + 0.1 * DVec3::new((k % 5) as f64, (k / 5 % 5) as f64, (k / 25) as f64));
+        position
+            .push(DVec3::splat(0.3) + 0.1 * DVec3::new((k % 5) as f64, (k / 5 % 5) as f64, (k / 25) as f64));
     }
     let (mut now, model) = (state(Grains::at_rest(position, vec![0.05; 125], 1000.0)), model());
     let loads = forces(&mut now, &model);

@@ -65,6 +65,7 @@ fn model(pores: Pores, viscosity: f64) -> Model {
         cell: CellRule::default(),
         fluid: Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) }),
         walls: Vec::new(),
+        membrane: None,
         stage_start: 0.0,
     }
 }

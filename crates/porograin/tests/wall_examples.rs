@@ -2,7 +2,6 @@
 //!
 //! With `PICTURE=1` in the environment the pictures are drawn anew.
 
-use glam::DVec3;
 use porograin::case::Case;
 use porograin::measure;
 use porograin::output::chart::{Axis, Chart, Mark, Series, svg};
@@ -61,13 +60,13 @@ fn a_silo_runs_out_at_the_rate_of_beverloo() {
                 .position
                 .iter()
                 .zip(&state.grains.radius)
-                .filter(|(x, _)| (2e-3..8e-3).contains(&x.z));
+                .filter(|(x, _)| (1.5e-3..4.5e-3).contains(&x.z));
             let solid: f64 = inside.map(|(_, r)| porograin::grains::sphere_volume(*r)).sum();
             let floor = -state.domain.walls[0].force.z - state.domain.walls[2].force.z;
             at_rest = Some([
                 -carried / weight,
                 floor / weight,
-                solid / (std::f64::consts::PI * 0.0075_f64.powi(2) * 6e-3),
+                solid / (std::f64::consts::PI * 0.0075_f64.powi(2) * 3e-3),
             ]);
         }
         if progress.stage == 1 && state.step % 50 == 0 {
@@ -80,9 +79,12 @@ fn a_silo_runs_out_at_the_rate_of_beverloo() {
     let steady: Vec<[f64; 2]> = out.iter().copied().filter(|p| (0.05..0.25).contains(&p[0])).collect();
     let [rate, from, straight] = line(&steady);
     let beverloo = 0.58 * 2600.0 * solid * GRAVITY.sqrt() * (5e-3_f64 - 1.4e-3).powf(2.5);
-    println!(
-        "silo: carried {carried} floor {floor} solid {solid} rate {rate} straight {straight} beverloo {beverloo}"
-    );
+    assert!((carried - 1.0).abs() < 0.005, "carried {carried}");
+    assert!(floor > 0.98 && floor < carried + 1e-3, "the floor carries {floor}");
+    assert!((solid - 0.53).abs() < 0.01, "solid fraction {solid}");
+    assert!(straight > 0.995, "the rate is steady: {straight}");
+    assert!((1e3 * rate - 1.83).abs() < 0.08, "rate {rate}");
+    assert!((rate / beverloo - 0.94).abs() < 0.06, "rate over Beverloo's {}", rate / beverloo);
     let fit = vec![[0.0, 1e3 * from], [0.3, 1e3 * (from + 0.3 * rate)]];
     draw(
         example("16-silo").join("rate.svg"),
@@ -133,8 +135,13 @@ fn an_inclined_flow_follows_the_friction_law_of_sheared_samples() {
             count += 1;
         }
     }
-    for row in &law {
-        println!("law: {row:?}");
+    let expected =
+        [[0.31, 0.507, 0.543], [0.108, 0.450, 0.570], [0.031, 0.371, 0.584], [0.010, 0.367, 0.585]];
+    assert_eq!(law.len(), expected.len());
+    for (found, row) in law.iter().zip(&expected) {
+        assert!((found[0] / row[0] - 1.0).abs() < 0.1, "inertial number {found:?}");
+        assert!((found[1] - row[1]).abs() < 0.025, "stress ratio {found:?}");
+        assert!((found[2] - row[2]).abs() < 0.012, "solid fraction {found:?}");
     }
 
     let mut flow = start(example("14-inclined-flow").join("case.toml"));
@@ -176,18 +183,46 @@ fn an_inclined_flow_follows_the_friction_law_of_sheared_samples() {
         .collect();
     let [slope, from, straight] = line(&bulk);
     let number = 1.5 * slope * 1e-3 / (solid * GRAVITY * tilt.cos()).sqrt();
-    println!(
-        "flow: height {height} solid {solid} number {number} straight {straight} ratio {} tan {} weight {} {} glued {}",
-        ratio[0] / ratio[1],
-        tilt.tan(),
-        ratio[1] / looks,
-        mass * GRAVITY * tilt.cos(),
-        state.domain.glue.grains.len()
+    let (mu, pressed) = (ratio[0] / ratio[1], ratio[1] / looks / (mass * GRAVITY * tilt.cos()));
+    assert!((pressed - 1.0).abs() < 0.01, "the plane carries {pressed} of the weight");
+    assert!((mu / tilt.tan() - 1.0).abs() < 0.02, "stress ratio {mu}");
+    assert!(straight > 0.99, "profile of Bagnold {straight}");
+    assert!((height - 8.3e-3).abs() < 0.2e-3 && (solid - 0.547).abs() < 0.015, "{height} {solid}");
+    assert!((number - 0.17).abs() < 0.02, "inertial number {number}");
+    // The law between the rates next to it, straight over the logarithm.
+    let next = law.windows(2).find(|w| w[0][0] >= number && number >= w[1][0]).unwrap();
+    let part = (number / next[1][0]).ln() / (next[0][0] / next[1][0]).ln();
+    let of_law = next[1][1] + part * (next[0][1] - next[1][1]);
+    assert!((of_law / tilt.tan() - 1.0).abs() < 0.1, "the law has {of_law} at {number}");
+
+    let curve = (0..=50)
+        .map(|k| f64::from(k) / 50.0 * height)
+        .map(|z| [from + slope * bagnold(z), 1e3 * z])
+        .collect();
+    draw(
+        example("14-inclined-flow").join("flow.svg"),
+        &[
+            Chart {
+                title: "velocity down the plane".into(),
+                x: axis("velocity [m/s]", [0.0, 0.2]),
+                y: axis("height [mm]", [0.0, 9.0]),
+                series: vec![
+                    series("found", profile.iter().map(|p| [p[1], 1e3 * p[0]]).collect(), Mark::Dots, 0),
+                    series("Bagnold", curve, Mark::Line, 1),
+                ],
+            },
+            Chart {
+                title: "friction law".into(),
+                x: Axis { logarithmic: true, ..axis("inertial number [-]", [5e-3, 0.5]) },
+                y: axis("stress ratio [-]", [0.3, 0.6]),
+                series: vec![
+                    series("sheared", law.iter().map(|row| [row[0], row[1]]).collect(), Mark::Dots, 0),
+                    series("", law.iter().map(|row| [row[0], row[1]]).collect(), Mark::Line, 0),
+                    series("flow at 24 degrees", vec![[number, mu]], Mark::Dots, 1),
+                ],
+            },
+        ],
     );
-    for p in &profile {
-        println!("{p:?}");
-    }
-    let _ = (from, DVec3::ZERO);
 }
 
 /// A tube full of grains is lifted: they come to rest in a heap with straight slopes.
@@ -205,5 +240,26 @@ fn a_heap_has_an_angle_of_repose() {
             top[ring] = top[ring].max(x.z + r);
         }
     }
-    println!("heap: kinetic {kinetic} {top:?}");
+    let rings: Vec<[f64; 2]> = (0..top.len()).map(|k| [1e-3 * (k as f64 + 0.5), top[k]]).collect();
+    let slope: Vec<[f64; 2]> = rings.iter().copied().filter(|p| p[0] > 2e-3 && p[1] > 1.5e-3).collect();
+    let [down, from, straight] = line(&slope);
+    let angle = (-down).atan().to_degrees();
+    let speed = (2.0 * kinetic / grains.mass.iter().sum::<f64>()).sqrt();
+    assert!((angle - 22.0).abs() < 2.0 && straight > 0.95, "angle of repose {angle} {straight}");
+    assert!(speed < 5e-3, "mean speed {speed}");
+
+    let base = -from / down;
+    let shown = |points: &[[f64; 2]]| points.iter().map(|p| [1e3 * p[0], 1e3 * p[1]]).collect::<Vec<_>>();
+    draw(
+        example("12-heap").join("heap.svg"),
+        &[Chart {
+            title: format!("a heap, {angle:.0} degrees steep"),
+            x: axis("distance from the axis [mm]", [0.0, 20.0]),
+            y: axis("height [mm]", [0.0, 8.0]),
+            series: vec![
+                series("highest grain of each ring", shown(&rings[..19]), Mark::Dots, 0),
+                series("slope", shown(&[[0.0, from], [base, 0.0]]), Mark::Line, 1),
+            ],
+        }],
+    );
 }
