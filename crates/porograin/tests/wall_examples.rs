@@ -156,14 +156,16 @@ fn an_inclined_flow_follows_the_friction_law_of_sheared_samples() {
             for ((x, v), m) in grains.position.iter().zip(&grains.velocity).zip(&grains.mass) {
                 let bin = (x.z / size) as usize;
                 if bin < BINS {
-                    (bins[bin][0] += m, bins[bin][1] += m * v.x);
+                    bins[bin][0] += m;
+                    bins[bin][1] += m * v.x;
                 }
             }
             let mass: f64 = grains.mass.iter().sum();
             height +=
                 2.0 * grains.position.iter().zip(&grains.mass).map(|(x, m)| x.z * m).sum::<f64>() / mass;
             let force = state.domain.wall_force[4];
-            (ratio[0] += force.x, ratio[1] -= force.z);
+            ratio[0] += force.x;
+            ratio[1] -= force.z;
             looks += 1.0;
         }
     }

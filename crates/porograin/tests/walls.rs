@@ -26,6 +26,7 @@ fn model(shapes: Vec<(Shape, Motion)>, friction: f64) -> Model {
         damping: 0.0,
         faces: std::array::from_fn(|_| Face::default()),
         walls,
+        membrane: None,
         cell: Default::default(),
         fluid: None,
         stage_start: 0.0,
