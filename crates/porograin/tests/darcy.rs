@@ -320,3 +320,31 @@ fn an_inflow_that_varies_over_a_face_follows_its_closed_form_in_second_order() {
     let order = (coarse / fine).log2();
     assert!(fine < 0.01 && (order - 2.0).abs() < 0.2, "{coarse} {fine} {order}");
 }
+
+#[test]
+fn the_pressure_in_a_seabed_follows_the_theory() {
+    // The bed of example 04 on a grid of its 4000 grains, eight to a cell, at the crest (t = 0) and in the trough (t = 0.5 s).
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/04-seabed-pressure/case.toml");
+    let case = porograin::case::Case::from_file(&path, &["fluid.flow={darcy={}}".into()]).unwrap();
+    let mut simulation = porograin::run::Simulation::new(&case).unwrap();
+    for done in 1..=5 {
+        simulation.advance().unwrap();
+        if done == 1 || done == 5 {
+            let (crest, pressure) =
+                (if done == 1 { 1.0 } else { -1.0 }, &simulation.state.grid().unwrap().pressure);
+            let grid = simulation.work().fluid.darcy.grid().unwrap();
+            let difference = |cell: usize| {
+                let (x, q) = (grid.centre(cell), PI / 2.0);
+                let theory = 1.0 + (q * x.z).cosh() / q.cosh() * (q * x.x).cos() * crest;
+                pressure[cell] / 50.0 - theory
+            };
+            let cells = grid.census.cells;
+            let mean = ((0..cells).map(|c| difference(c).powi(2)).sum::<f64>() / cells as f64).sqrt();
+            let most = (0..cells).map(|c| difference(c).abs()).fold(0.0, f64::max);
+            println!("crest {crest}: {cells} cells, difference over p0 {mean:.4} rms, {most:.4} at most");
+            // No farther off than the pores, see the README of the example.
+            assert!(mean < 0.029 && most < 0.101, "{mean} {most}");
+        }
+    }
+}
