@@ -54,6 +54,12 @@ fn dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     if let Some(bytes) = cost.bytes_per_grain {
         say!("{bytes:.0} bytes of memory per grain");
     }
+    if let Some(bench::SpeedUp { threads, step, ideal }) = cost.speed_up {
+        say!(
+            "on {threads} threads {step:.2} times faster than on one, a loop that shares nothing {ideal:.2} times: {:.0} % of that",
+            100.0 * step / ideal
+        );
+    }
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)
 }

@@ -99,17 +99,24 @@ impl Neighbours {
         self.grid.fill(cell, position, 2.0 * largest + self.skin);
 
         self.pairs.clear();
+        let mut near: Vec<u32> = Vec::new();
         for i in 0..n {
-            let (own, room, first) = (position[i], radius[i] + self.skin, self.pairs.len());
-            for &j in self.grid.around(own) {
-                if j as usize > i {
+            let (own, room) = (position[i], radius[i] + self.skin);
+            let mut count = 0;
+            for run in self.grid.around(own) {
+                if near.len() < count + run.len() {
+                    near.resize(2 * (count + run.len()), 0);
+                }
+                // No branch: whether a grain is near is anybody's guess, and every second guess would be wrong.
+                for &j in run {
                     let within = room + radius[j as usize];
-                    if (position[j as usize] - own).length_squared() < within * within {
-                        self.pairs.push([i as u32, j]);
-                    }
+                    let listed = (position[j as usize] - own).length_squared() < within * within;
+                    near[count] = j;
+                    count += usize::from(listed & (j as usize > i));
                 }
             }
-            self.pairs[first..].sort_unstable();
+            near[..count].sort_unstable();
+            self.pairs.extend(near[..count].iter().map(|&j| [i as u32, j]));
             for face in 0..6 {
                 if !cell.periodic[face / 2] {
                     let gap = (cell.wall_position(face) - own[face / 2]).abs() - radius[i];
@@ -188,11 +195,11 @@ impl Grid {
 
     /// The grains of the 27 cubes around a point. Three cubes in a row along x are one run of `items`.
     #[inline]
-    fn around(&self, x: DVec3) -> impl Iterator<Item = &u32> {
+    fn around(&self, x: DVec3) -> impl Iterator<Item = &[u32]> {
         let low = (self.place(x) - 1).max(IVec3::ZERO);
         let high = (self.place(x) + 1).min(self.count - 1);
         (low.z..=high.z).flat_map(move |z| {
-            (low.y..=high.y).flat_map(move |y| {
+            (low.y..=high.y).map(move |y| {
                 let from = self.start[self.index(IVec3::new(low.x, y, z))] as usize;
                 let to = self.start[self.index(IVec3::new(high.x, y, z)) + 1] as usize;
                 &self.items[from..to]

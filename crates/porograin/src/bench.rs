@@ -7,12 +7,13 @@ mod solvers;
 
 pub use coarse::{CoarseBench, coarse};
 pub use coupled::{BenchError, CoupledBench, coupled};
-pub use dry::{DryBench, dry, dry_model, grown, hertz_mindlin, linear};
+pub use dry::{DryBench, SpeedUp, dry, dry_model, grown, hertz_mindlin, linear};
 pub use solvers::{SizeBench, SolverBench, Thesis, sizes, solvers};
 
+use crate::fluid;
 use crate::model::Model;
 use crate::state::State;
-use crate::step::{Report, StepError, Work, step};
+use crate::step::{StepError, Work, step};
 use std::time::Instant;
 
 /// Density of the benchmarks' grains [kg/m³].
@@ -23,7 +24,7 @@ fn warm_up(steps: usize) -> usize {
     (steps / 10).max(20)
 }
 
-/// Times `steps` steps after some to warm up: the median [s], the share of each phase, and the reports of the timed steps.
+/// Times `steps` steps after some to warm up: the median [s], the share of each phase, and what the water did.
 fn timed(state: &mut State, model: &Model, steps: usize) -> Result<Timed, StepError> {
     let mut work = Work::default();
     for _ in 0..warm_up(steps) {
@@ -31,22 +32,24 @@ fn timed(state: &mut State, model: &Model, steps: usize) -> Result<Timed, StepEr
     }
     work.timers = Default::default();
     let mut seconds = Vec::with_capacity(steps);
-    let mut reports = Vec::with_capacity(steps);
+    let mut water = Vec::new();
     for _ in 0..steps.max(1) {
         let start = Instant::now();
-        reports.push(step(state, model, &mut work)?);
+        water.extend(step(state, model, &mut work)?.water);
         seconds.push(start.elapsed().as_secs_f64());
     }
     seconds.sort_by(f64::total_cmp);
     let all: f64 = work.timers.phases().iter().map(|phase| phase.1.as_secs_f64()).sum();
     let phases = work.timers.phases().iter().map(|&(name, time)| (name, time.as_secs_f64() / all)).collect();
-    Ok(Timed { seconds_per_step: seconds[seconds.len() / 2], phases, reports, work })
+    Ok(Timed { seconds_per_step: seconds[seconds.len() / 2], phases, steps: seconds.len(), water, work })
 }
 
 /// What [`timed`] found.
 struct Timed {
     seconds_per_step: f64,
     phases: Vec<(&'static str, f64)>,
-    reports: Vec<Report>,
+    steps: usize,
+    /// What the water did in each.
+    water: Vec<fluid::Report>,
     work: Work,
 }

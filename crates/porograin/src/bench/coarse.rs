@@ -77,12 +77,12 @@ fn consolidate(state: &mut State, steps: usize, residual: Option<f64>) -> Result
         Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Darcy(settings) });
     let top = state.domain.cell.upper().z;
     let timed = timed(state, &model, steps)?;
-    let water: Vec<_> = timed.reports.iter().filter_map(|report| report.water).collect();
+    let water = &timed.water;
     let Census { cells, .. } = timed.work.fluid.darcy.grid().map_or_else(Census::default, |grid| grid.census);
     Ok(CoarseBench {
         grains: state.grains.len(),
         cells,
-        steps: timed.reports.len(),
+        steps: timed.steps,
         seconds_per_step: timed.seconds_per_step,
         dry_seconds_per_step: dry.seconds_per_step,
         water_over_dry: timed.seconds_per_step / dry.seconds_per_step - 1.0,

@@ -140,14 +140,14 @@ fn consolidate(
     state.dt = 0.0;
     let top = state.domain.cell.upper().z;
     let timed = timed(state, &model, steps)?;
-    let water: Vec<_> = timed.reports.iter().filter_map(|report| report.water).collect();
+    let water = &timed.water;
     let limit =
         crate::stability::with_water(crate::stability::limit(state, &model, &mut Vec::new()), state, &model);
     Ok(CoupledBench {
         grains: state.grains.len(),
         contacts: state.contacts.len(),
         pores: timed.work.fluid.mesh().map_or(0, |mesh| mesh.census.pores),
-        steps: timed.reports.len(),
+        steps: timed.steps,
         seconds_per_step: timed.seconds_per_step,
         dry_seconds_per_step: held.seconds_per_step,
         ratio_to_dry: timed.seconds_per_step / held.seconds_per_step,

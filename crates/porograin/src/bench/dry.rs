@@ -11,6 +11,7 @@ use crate::state::State;
 use crate::step::{StepError, Work, step};
 use glam::DVec3;
 use porograin_geometry::{Cell, Neighbours};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -33,8 +34,21 @@ pub struct DryBench {
     pub rebuild_ns_per_grain: f64,
     /// Memory of the process at rest in the steps, less what it had before the grains, per grain; where the system tells.
     pub bytes_per_grain: Option<f64>,
+    /// With several threads: how many times faster than on one.
+    pub speed_up: Option<SpeedUp>,
     /// Share of each phase, by the names of the step's page.
     pub phases: Vec<(&'static str, f64)>,
+}
+
+/// What several threads gain, measured in turns with one thread.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SpeedUp {
+    /// Number of threads.
+    pub threads: usize,
+    /// Of the dry step.
+    pub step: f64,
+    /// Of a loop that shares nothing: what the machine gives.
+    pub ideal: f64,
 }
 
 /// The linear law of the benchmarks.
@@ -81,9 +95,14 @@ pub fn dry(
     law: Law,
     steps: usize,
 ) -> Result<DryBench, StepError> {
+    // Code and stacks come into memory with the first steps, whatever the number of grains.
+    let few = (position.iter().copied().take(2).collect(), radius.iter().copied().take(2).collect());
+    rayon::scope(|_| hold(&mut at_rest(few.0, few.1, domain.clone()), law.clone(), 2))?;
     let before = resident();
     // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
-    let mut bench = rayon::scope(|_| hold(&mut at_rest(position, radius, domain), law, steps))?;
+    let mut state = at_rest(position, radius, domain);
+    let mut bench = rayon::scope(|_| hold(&mut state, law.clone(), steps))?;
+    bench.speed_up = speed_up(&mut state, &Model { contact: law.into(), ..dry_model() }, steps)?;
     // The grains given, 32 bytes each, are gone by the time the steps are done.
     let grains = bench.grains as f64;
     bench.bytes_per_grain =
@@ -108,14 +127,58 @@ pub(super) fn hold(state: &mut State, law: Law, steps: usize) -> Result<DryBench
     Ok(DryBench {
         grains: grains.len(),
         contacts: state.contacts.len(),
-        steps: timed.reports.len(),
+        steps: timed.steps,
         ns_per_contact_step: 1e9 * timed.seconds_per_step / state.contacts.len().max(1) as f64,
         grain_steps_per_second: grains.len() as f64 / timed.seconds_per_step,
         seconds_per_step: timed.seconds_per_step,
         rebuild_ns_per_grain: 1e9 * rebuild / grains.len() as f64,
         bytes_per_grain,
+        speed_up: None,
         phases: timed.phases,
     })
+}
+
+/// Turns of one thread and of all.
+const TURNS: usize = 7;
+
+/// Times a few steps, and a loop that shares nothing, in turns on one thread and on all of this pool; the medians compared.
+fn speed_up(state: &mut State, model: &Model, steps: usize) -> Result<Option<SpeedUp>, StepError> {
+    let threads = rayon::current_num_threads();
+    let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let (true, Ok(one), Ok(all)) = (threads > 1, pool(1), pool(threads)) else { return Ok(None) };
+    let mut work = Work::default();
+    let steps = (steps / (4 * TURNS)).max(2);
+    let loops = 2000 * state.grains.len().min(10_000);
+    let mut times = [const { [const { Vec::new() }; 2] }; 2];
+    for _ in 0..TURNS {
+        for (k, pool) in [&one, &all].into_iter().enumerate() {
+            let spent = pool.install(|| {
+                // Once more than counted: the caches of the other thread are cold.
+                step(state, model, &mut work)?;
+                let start = Instant::now();
+                for _ in 0..steps {
+                    step(state, model, &mut work)?;
+                }
+                Ok(start.elapsed().as_secs_f64())
+            });
+            times[k][0].push(spent?);
+            let start = Instant::now();
+            pool.install(|| {
+                let turn = |k: usize| (0..64).fold(k as f64, |x, _| x * 0.5 + 1.0);
+                std::hint::black_box(
+                    (0..loops / 64).into_par_iter().with_min_len(1024).map(turn).sum::<f64>(),
+                );
+            });
+            times[k][1].push(start.elapsed().as_secs_f64());
+        }
+    }
+    let median = |times: &mut Vec<f64>| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    };
+    let [mut single, mut several] = times;
+    let mut gain = |k: usize| median(&mut single[k]) / median(&mut several[k]);
+    Ok(Some(SpeedUp { threads, step: gain(0), ideal: gain(1) }))
 }
 
 /// New lists of neighbours timed.

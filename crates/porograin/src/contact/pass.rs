@@ -216,7 +216,15 @@ impl Share<'_> {
         block.virial = DMat3::ZERO;
     }
 
+    /// Keeps what acts on the grain of a pair with part of a wall that the case adds.
+    #[cold]
+    #[inline(never)]
+    fn put_aside(&mut self, pair: [u32; 2], force: DVec3, moment: DVec3) {
+        self.blocks[0].parts.push((pair, Push { force, moment }));
+    }
+
     /// Adds a contact to the virial; `along` is any vector along its branch, which at a wall ends at the contact point.
+    #[inline(never)]
     fn strain(&mut self, pair: [u32; 2], force: DVec3, levers: [f64; 2], along: DVec3) {
         let length = if wall(pair[1]).is_some() { levers[0] } else { levers[0] + levers[1] };
         let branch = length * along.normalize_or_zero();
@@ -238,10 +246,7 @@ impl Share<'_> {
         if let Some(face) = wall(pair[1]) {
             match self.blocks[0].wall.get_mut(face) {
                 Some(on) => *on -= force,
-                None => {
-                    let moment = levers[0] * turning + moment;
-                    self.blocks[0].parts.push((pair, Push { force, moment }));
-                }
+                None => self.put_aside(pair, force, levers[0] * turning + moment),
             }
             return;
         }
