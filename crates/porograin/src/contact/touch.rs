@@ -213,7 +213,12 @@ impl<'a> Surroundings<'a> {
                     mass: grains.mass[i] * grains.mass[j] / (grains.mass[i] + grains.mass[j]),
                 }
             }
-            Some(6..) => self.near_part(i, second),
+            Some(6..) => {
+                // Taken apart: a result written through a pointer would keep that of every other pair in memory as well.
+                let Near { branch, reach, radius, velocity, spin, friction, mass } =
+                    self.near_part(i, second);
+                Near { branch, reach, radius, velocity, spin, friction, mass }
+            }
             Some(face) => {
                 let plane = &self.faces[face];
                 let outward = if face % 2 == 0 { -1.0 } else { 1.0 };
