@@ -10,6 +10,7 @@ use crate::motion::{Velocities, pistons};
 use crate::permeability;
 use crate::pores::carry::{Former, former_nodes};
 use crate::pores::mesh::{BLOCKED, Carried, Mesh, POINT, Walls};
+use crate::pores::shear::{self, Film};
 use crate::pores::store::{self, Store};
 use crate::pores::{
     Coupling, Memory, Places, Point, PointWater, PoreState, Pores, Recipe, Stepping, System, geometric,
@@ -20,7 +21,7 @@ use crate::state::State;
 use crate::step::StepError;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Repair;
-use porograin_geometry::throat::Packing;
+use porograin_geometry::throat::{Packing, radical_centres};
 use porograin_geometry::triangulation::wall;
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +62,7 @@ struct Made {
     at_step: u64,
     recipe: Recipe,
     mesh: Mesh,
+    films: Vec<Film>,
     /// How its triangulation came from the last one.
     repair: Repair,
     system: System,
@@ -190,6 +192,7 @@ fn recipe(model: &Model, fluid: &FluidModel, pores: &Pores) -> Recipe {
         viscosity: fluid.viscosity,
         bulk_modulus: fluid.bulk_modulus,
         places: Places::new(&pores.point, &pores.blocked),
+        shear_forces: pores.shear_forces,
     }
 }
 
@@ -216,6 +219,7 @@ fn renew(
         mesh_cell: state.domain.cell,
         mesh_crossed: state.domain.crossed.clone(),
         viscous_rate: 0.0,
+        shear_rate: 0.0,
         implicit: None,
         store,
         pressure: Vec::new(),
@@ -226,15 +230,17 @@ fn renew(
     let (pistons, inertia) = (pistons(model, &state.grains), cell::inertia(state, model));
     let rate = viscous::rate(&made.mesh, &mut made.system, &state.grains, &pistons, &inertia)
         .map_err(|error| cannot_solve(error, &made.mesh, &state.grains))?;
+    let shear_rate = shear::rate(&made.films, &state.grains, &state.domain);
     let implicit = match pores.step {
         Stepping::Explicit => false,
         Stepping::Implicit => true,
         // The implicit operator is symmetric only for reciprocal coupling.
         Stepping::Auto if pores.coupling == Coupling::Geometric => false,
-        Stepping::Auto => implicit::pays(state, model, rate),
+        Stepping::Auto => implicit::pays(state, model, rate, shear_rate),
     };
     let State { grains, domain, fluid: Some(Fluid::Pores(water)), .. } = state else { return Ok(()) };
     water.viscous_rate = rate;
+    water.shear_rate = shear_rate;
     water.implicit = implicit.then(Memory::default);
     water.pressure = vec![0.0; made.mesh.nodes()];
     water.before.fill(water.pressure.clone());
@@ -319,6 +325,12 @@ fn make(
         geometric::couple(&mut mesh, packing, &recipe.walls, recipe.conductance);
     }
     recipe.places.apply(packing, &mut mesh);
+    let films = if recipe.shear_forces {
+        let centres = radical_centres(packing, &mesh.triangulation);
+        shear::films(packing, &mesh.triangulation, &centres, &recipe.walls, recipe.viscosity)
+    } else {
+        Vec::new()
+    };
     let (method, residual) = (pores.solver.method(), pores.residual);
     let system = match (recipe.bulk_modulus, &water.store) {
         (Some(bulk_modulus), Some(store)) => {
@@ -328,7 +340,8 @@ fn make(
         _ => System::new(&mesh, method, residual, EXPECTED_SOLVES),
     }
     .map_err(|error| cannot_solve(error, &mesh, &state.grains))?;
-    scratch.made = Some(Made { at_step: water.made_at_step, recipe: recipe.clone(), mesh, repair, system });
+    scratch.made =
+        Some(Made { at_step: water.made_at_step, recipe: recipe.clone(), mesh, films, repair, system });
     Ok(())
 }
 
@@ -537,6 +550,13 @@ pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
         for (force, &radius) in loads.force.iter_mut().zip(&grains.radius) {
             *force += lift * grains.shape.volume(radius);
         }
+    }
+}
+
+/// Adds the drag of the water between grains that slide past each other, where the case asks for it.
+pub fn shear(loads: &mut Loads, grains: &Grains, domain: &Domain, scratch: &Scratch) {
+    if let Some(made) = &scratch.made {
+        shear::add(loads, &made.films, grains, domain);
     }
 }
 

@@ -88,7 +88,10 @@ pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64,
 /// The limit of the contacts, less what the water takes of it in explicit steps.
 pub fn with_water(contacts: Limit, state: &State, model: &Model) -> Limit {
     match state.pores() {
-        Some(water) if water.implicit.is_none() => explicit(contacts, water.viscous_rate, model.damping),
+        Some(water) if water.implicit.is_none() => {
+            explicit(contacts, water.viscous_rate + water.shear_rate, model.damping)
+        }
+        Some(water) if water.shear_rate > 0.0 => explicit(contacts, water.shear_rate, model.damping),
         _ => contacts,
     }
 }

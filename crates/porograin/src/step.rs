@@ -75,6 +75,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     loads.virial = model.cell.holds_stress().then_some(DMat3::ZERO);
     gravity::add(loads, grains, model.gravity);
     fluid::lift(loads, grains, model);
+    fluid::shear(loads, grains, domain, water);
     contact::add(loads, touching, &surroundings, state.dt, contacts);
     membrane::add(loads, state, model).map_err(StepError::Membrane)?;
     timers.lap("contact");

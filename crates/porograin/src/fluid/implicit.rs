@@ -15,12 +15,15 @@ use porograin_linear::{Error, Info};
 /// Implicit steps pay when they may be this many times as long as explicit ones: each costs some more iterations.
 pub const PAYS: f64 = 3.0;
 
-/// Whether steps should be implicit where the water damps the grains at `rate` [1/s].
-pub fn pays(state: &State, model: &Model, rate: f64) -> bool {
+/// Whether steps should be implicit where the pressures damp the grains at `rate` [1/s]; what damps at `always` limits steps of
+/// either kind.
+pub fn pays(state: &State, model: &Model, rate: f64, always: f64) -> bool {
     let contacts = stability::limit(state, model, &mut Vec::new());
-    let explicit = stability::explicit(contacts, rate, model.damping).seconds;
+    let explicit = stability::explicit(contacts, rate + always, model.damping).seconds;
     match model.time_step {
-        TimeStep::Automatic { .. } => contacts.seconds > PAYS * explicit,
+        TimeStep::Automatic { .. } => {
+            stability::explicit(contacts, always, model.damping).seconds > PAYS * explicit
+        }
         TimeStep::Fixed(dt) => dt > explicit,
     }
 }

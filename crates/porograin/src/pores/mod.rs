@@ -9,6 +9,7 @@ pub mod implicit;
 pub mod mesh;
 pub mod places;
 pub mod pressure;
+pub mod shear;
 pub mod store;
 pub mod viscous;
 
@@ -47,6 +48,8 @@ pub struct Pores {
     pub step: Stepping,
     /// Relative residual of the solve of an implicit step.
     pub implicit_residual: f64,
+    /// Whether grains that slide past each other drag the water between them (Catalano 6.29-6.30).
+    pub shear_forces: bool,
     /// Points with a pressure or a source.
     pub point: Vec<Point>,
     /// Regions that let no water through.
@@ -63,6 +66,7 @@ impl Default for Pores {
             solver: Solver::Auto,
             step: Stepping::Auto,
             implicit_residual: implicit::RESIDUAL,
+            shear_forces: false,
             point: Vec::new(),
             blocked: Vec::new(),
         }
@@ -149,6 +153,8 @@ pub struct Recipe {
     pub bulk_modulus: Option<f64>,
     /// Points and blocked regions.
     pub places: Places,
+    /// Whether neighbours drag the water between them.
+    pub shear_forces: bool,
 }
 
 /// Grains and cell as a mesh knows them.
@@ -184,6 +190,8 @@ pub struct PoreState {
     pub mesh_crossed: Vec<[i32; 3]>,
     /// How fast the water damps the grains at most [1/s]: what it leaves of the time step.
     pub viscous_rate: f64,
+    /// How fast the shear of the water between neighbours damps the grains at most [1/s]: it limits steps of any kind.
+    pub shear_rate: f64,
     /// What an implicit step keeps; `None` while steps are explicit.
     pub implicit: Option<Memory>,
     /// What compressible water keeps; `None` where it is incompressible.
