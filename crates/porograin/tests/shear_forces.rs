@@ -182,6 +182,7 @@ fn model(step: Stepping, viscosity: f64, shear_forces: bool) -> Model {
         faces: std::array::from_fn(|_| face.clone()),
         cell: Default::default(),
         walls: Vec::new(),
+        membrane: None,
         fluid: Some(FluidModel { viscosity, density: 1000.0, bulk_modulus: None, flow: Flow::Pores(pores) }),
         stage_start: 0.0,
     }
