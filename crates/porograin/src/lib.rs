@@ -14,6 +14,7 @@ pub mod fluid;
 pub mod grains;
 pub mod gravity;
 pub mod import;
+pub mod ledger;
 pub mod measure;
 pub mod membrane;
 pub mod model;

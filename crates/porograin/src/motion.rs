@@ -136,7 +136,7 @@ fn move_grains(
 
 /// The load less the local damping `D |felt| sign(v)`, per component.
 #[inline(always)]
-fn damped(load: DVec3, felt: DVec3, rate: DVec3, damping: f64) -> DVec3 {
+pub fn damped(load: DVec3, felt: DVec3, rate: DVec3, damping: f64) -> DVec3 {
     let drag = |load: f64, felt: f64, rate: f64| {
         let sign = f64::from(rate > 0.0) - f64::from(rate < 0.0);
         load - damping * felt.abs() * sign

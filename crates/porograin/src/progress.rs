@@ -3,7 +3,9 @@
 use crate::budget::Budget;
 use crate::compaction::Compaction;
 use crate::consolidation::Consolidation;
+use crate::ledger::Ledger;
 use crate::trouble::KINDS;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Where in a case a simulation stands: with the [`State`], all that a restart needs.
@@ -19,6 +21,10 @@ pub struct Progress {
     pub consolidation: Option<Consolidation>,
     /// How far the compaction of the stage has come.
     pub compaction: Compaction,
+    /// Where the grains were when the stage began, in order of their id [m].
+    pub places: Vec<DVec3>,
+    /// Work and losses of the stage, where the case watches them.
+    pub ledger: Option<Ledger>,
     /// Which kinds of trouble were told in the stage.
     pub told: [bool; KINDS],
     /// What must balance about the water, over all stages.

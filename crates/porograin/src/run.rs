@@ -6,6 +6,7 @@ use crate::case::{Case, CaseError, Plan, Stage, Until, at, reason};
 use crate::cell::COMPONENTS;
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::darcy::Census;
+use crate::ledger::{Before, Ledger};
 use crate::measure;
 use crate::model::Model;
 use crate::output::folder::Folder;
@@ -19,7 +20,7 @@ use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
 use crate::trouble::{self, Action, Trouble};
 use crate::walls::motion;
-use crate::watch::Snapshot;
+use crate::watch::{Measure, Snapshot};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -127,7 +128,8 @@ impl Simulation {
     /// When the grains of the case cannot be made.
     pub fn new(case: &Case) -> Result<Self, CaseError> {
         let Plan { state, stages } = case.plan()?;
-        Ok(Self::at(case, state, Progress::default(), stages))
+        let ledger = case.watches(Measure::EnergyBudget).then(Ledger::default);
+        Ok(Self::at(case, state, Progress { ledger, ..Progress::default() }, stages))
     }
 
     /// A simulation that goes on where `state` and `progress` left off.
@@ -200,12 +202,15 @@ impl Simulation {
                 self.progress.began = Some(began);
                 self.progress.told = Default::default();
                 self.progress.compaction = Default::default();
+                self.progress.places = measure::places(&self.state);
+                self.progress.ledger = self.progress.ledger.map(|_| Ledger::default());
                 self.began = began;
                 began
             }
         };
         self.model.gravity = at(&stage.gravity, self.state.time - self.model.stage_start);
         let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
+        let before = self.progress.ledger.and_then(|_| Before::of(&self.state, &self.model));
         let report = match step(&mut self.state, &self.model, &mut self.work) {
             Err(StepError::Outside { trouble, report }) => {
                 found.push(trouble);
@@ -213,6 +218,9 @@ impl Simulation {
             }
             other => other.map_err(|error| RunError::Step { stage: stage.name.clone(), error })?,
         };
+        if let (Some(before), Some(ledger)) = (before, &mut self.progress.ledger) {
+            ledger.add(&before, &self.state, &self.model, &self.work.loads);
+        }
         if due {
             trouble::look(&self.state, &self.model, &mut found);
         }
@@ -493,6 +501,8 @@ pub fn run(
             state: &simulation.state,
             model: &simulation.model,
             began: &began,
+            places: &simulation.progress.places,
+            ledger: simulation.progress.ledger.as_ref(),
             loads: &simulation.work.loads,
             water: &simulation.work.fluid,
             report: &report,

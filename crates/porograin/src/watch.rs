@@ -3,6 +3,7 @@
 use crate::darcy::Grid;
 use crate::fluid;
 use crate::grains::Loads;
+use crate::ledger::Ledger;
 use crate::measure;
 use crate::model::Model;
 use crate::pores::Mesh;
@@ -10,6 +11,7 @@ use crate::progress::Began;
 use crate::state::State;
 use crate::step::Report;
 use crate::walls::Place;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// When to do something again and again.
@@ -79,10 +81,16 @@ pub enum Measure {
     Fabric,
     /// Number of contacts, mean number per grain, grains that carry nothing.
     Contacts,
+    /// Directions of contacts and forces.
+    Directions,
+    /// Solid fraction and velocity in layers from bottom to top.
+    Profile,
     /// Kinetic energy of the grains.
     KineticEnergy,
     /// Energy stored in the contacts.
     ElasticEnergy,
+    /// Work and losses since the stage began, and what does not balance.
+    EnergyBudget,
     /// Largest speed of a grain.
     Speed,
     /// Length of the step.
@@ -100,7 +108,7 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 23] = [
+    pub const ALL: [Measure; 26] = [
         Measure::Porosity,
         Measure::Grading,
         Measure::Size,
@@ -117,8 +125,11 @@ impl Measure {
         Measure::Compression,
         Measure::Fabric,
         Measure::Contacts,
+        Measure::Directions,
+        Measure::Profile,
         Measure::KineticEnergy,
         Measure::ElasticEnergy,
+        Measure::EnergyBudget,
         Measure::Speed,
         Measure::TimeStep,
         Measure::Pressure,
@@ -168,8 +179,17 @@ impl Measure {
             }
             Measure::Fabric => "fabric tensor of the contacts between grains, a third each when isotropic",
             Measure::Contacts => "number of contacts, mean number per grain, grains that carry nothing",
+            Measure::Directions => {
+                "contacts between grains by angle to the vertical, in ten classes from horizontal to vertical: density, mean normal \
+                 and tangential force"
+            }
+            Measure::Profile => "solid fraction and mean velocity in twelve layers from bottom to top",
             Measure::KineticEnergy => "kinetic energy of the grains, turning included",
             Measure::ElasticEnergy => "energy stored in the contacts",
+            Measure::EnergyBudget => {
+                "since the stage began: work of walls, gravity and water, losses by friction, dampers and local damping, and what does \
+                 not balance (not in periodic cells, not with glue or a membrane)"
+            }
             Measure::Speed => "largest speed of a grain",
             Measure::TimeStep => "length of the step",
             Measure::Pressure => "mean, least and greatest excess pressure of the pores",
@@ -221,8 +241,27 @@ impl Measure {
                 crate::cell::COMPONENTS.map(|c| format!("stress_tensor_{c} [Pa]")).to_vec()
             }
             Measure::CellStrain => crate::cell::COMPONENTS.map(|c| format!("strain_{c} [-]")).to_vec(),
+            Measure::Directions => ["contacts", "normal", "tangential"]
+                .iter()
+                .flat_map(|kind| (0..measure::CLASSES).map(move |k| format!("{kind}_{k} [-]")))
+                .collect(),
+            Measure::Profile => {
+                let solid = (0..measure::LAYERS).map(|k| format!("solid_{k} [-]"));
+                let along =
+                    |c: &'static str| (0..measure::LAYERS).map(move |k| format!("velocity_{c}_{k} [m/s]"));
+                solid.chain(["x", "y", "z"].into_iter().flat_map(along)).collect()
+            }
             Measure::KineticEnergy => list(&["kinetic_energy [J]"]),
             Measure::ElasticEnergy => list(&["elastic_energy [J]"]),
+            Measure::EnergyBudget => list(&[
+                "wall_work [J]",
+                "gravity_work [J]",
+                "water_work [J]",
+                "friction_loss [J]",
+                "viscous_loss [J]",
+                "damping_loss [J]",
+                "energy_error [J]",
+            ]),
             Measure::Speed => list(&["speed_max [m/s]"]),
             Measure::TimeStep => list(&["dt [s]"]),
             Measure::Pressure => list(&["pressure_mean [Pa]", "pressure_min [Pa]", "pressure_max [Pa]"]),
@@ -243,6 +282,10 @@ pub struct Snapshot<'a> {
     pub model: &'a Model,
     /// How the stage began.
     pub began: &'a Began,
+    /// Where the grains were when the stage began, in order of their id [m].
+    pub places: &'a [DVec3],
+    /// Work and losses of the stage, where the case watches them.
+    pub ledger: Option<&'a Ledger>,
     /// Loads of the step.
     pub loads: &'a Loads,
     /// What the water was computed with.
@@ -299,6 +342,15 @@ impl Measure {
                 measure::contact_stress(now.state, now.model).transpose().to_cols_array().to_vec()
             }
             Measure::CellStrain => domain.strain.transpose().to_cols_array().to_vec(),
+            Measure::Directions => {
+                let found = measure::directions(now.state, now.model);
+                [found.contacts, found.normal, found.tangential].concat()
+            }
+            Measure::Profile => {
+                let found = measure::profile(now.state);
+                let along = |axis: usize| found.velocity.map(|v| v[axis]);
+                [found.solid, along(0), along(1), along(2)].concat()
+            }
             Measure::KineticEnergy if domain.is_periodic() => {
                 // What goes with the deformation of the cell depends on where its corner is.
                 let mut besides = grains.clone();
@@ -309,6 +361,11 @@ impl Measure {
             }
             Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
             Measure::ElasticEnergy => vec![measure::elastic_energy(now.state, now.model)],
+            Measure::EnergyBudget => {
+                let ledger = now.ledger.filter(|ledger| ledger.start.is_some())?;
+                let Ledger { walls, gravity, water, friction, viscous, damping, .. } = *ledger;
+                vec![walls, gravity, water, friction, viscous, damping, ledger.error()]
+            }
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],
             Measure::Pressure => {

@@ -11,6 +11,7 @@ use crate::packing::{self, Grading};
 use crate::state::State;
 use crate::trouble::On;
 use crate::walls::Place;
+use crate::watch::Measure;
 use glam::DVec3;
 use porograin_geometry::Cell;
 
@@ -142,6 +143,11 @@ impl Case {
             consolidation: stage.consolidation,
         };
         self.stage.iter().enumerate().map(complete).collect()
+    }
+
+    /// Whether some watch has this measure.
+    pub fn watches(&self, measure: Measure) -> bool {
+        self.watch.iter().any(|watch| watch.measures.contains(&measure))
     }
 
     /// The sizes asked for, where the grains are a cloud.

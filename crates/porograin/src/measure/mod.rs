@@ -2,10 +2,14 @@
 //!
 //! Stresses are positive in compression.
 
+mod directions;
 mod energy;
+mod local;
 mod microstructure;
 mod stress;
+pub use directions::{CLASSES, Directions, LAYERS, Profile, directions, profile};
 pub use energy::{elastic_energy, kinetic_energy, unbalanced};
+pub use local::{Local, displacement, local, places, strain_deviator};
 pub use microstructure::{
     PASSING, compression, coordination, diameter, fabric, oedometric_modulus, porosity, rattlers, settlement,
 };

@@ -135,3 +135,58 @@ fn diameters_by_passing_mass() {
         assert!((diameter(&grains, part) - expected).abs() < 1e-12, "{part} {}", diameter(&grains, part));
     }
 }
+
+#[test]
+fn directions_and_profiles_of_a_pressed_cloud() {
+    let (state, model, _) = pressed();
+    let found = directions(&state, &model);
+    let mean: f64 = found.contacts.iter().sum::<f64>() / CLASSES as f64;
+    assert!((mean - 1.0).abs() < 1e-12 && found.contacts.iter().all(|c| (0.4..1.8).contains(c)), "{found:?}");
+    // The densities weigh the mean forces back to 1.
+    let normal: f64 = (0..CLASSES).map(|k| found.contacts[k] * found.normal[k]).sum::<f64>() / CLASSES as f64;
+    assert!((normal - 1.0).abs() < 1e-12, "{normal}");
+    assert!(found.tangential.iter().all(|&t| t < 10f64.to_radians().tan() * 2.5 && t > 0.0), "{found:?}");
+    // Layers hold all of the solid, exactly.
+    let profile = profile(&state);
+    let solid = profile.solid.iter().sum::<f64>() / LAYERS as f64;
+    assert!((solid + porosity(&state) - 1.0).abs() < 1e-12, "{solid}");
+    assert!((0.4..0.8).contains(&profile.solid[5]) && profile.solid[0] < profile.solid[5], "{profile:?}");
+}
+
+/// A sphere across the middle of two layers, and what a column of touching ones does to `directions`.
+#[test]
+fn a_profile_by_hand() {
+    let mut state = state_of(1.2, vec![DVec3::new(0.5, 0.5, 0.63)], 0.05);
+    state.grains.velocity[0] = DVec3::X;
+    let found = profile(&state);
+    // The plane at 0.6 lies 0.03 below the centre: a cap of height 0.02, pi h² (3 r - h)/3.
+    let cap = std::f64::consts::PI * 0.02 * 0.02 * (0.15 - 0.02) / 3.0;
+    let layer = 0.1 * 1.2 * 1.2;
+    assert!((found.solid[5] * layer - cap).abs() < 1e-15);
+    assert!((found.solid[6] * layer - (crate::grains::sphere_volume(0.05) - cap)).abs() < 1e-15);
+    assert_eq!(found.velocity[6], DVec3::X);
+    assert_eq!(found.velocity[0], DVec3::ZERO);
+}
+
+/// An affine displacement is found around every grain that has a tetrahedron of grains; power cells hold all of the void.
+#[test]
+fn an_affine_displacement_has_its_gradient_at_every_grain() {
+    let domain = Domain::walled(DVec3::ZERO, DVec3::splat(0.04));
+    let grains = packing::cloud(&domain.cell, 300, 0.2, 3, 0.7, 2600.0).unwrap();
+    let gradient = DMat3::from_cols_array(&[0.01, -0.02, 0.003, 0.004, 0.02, -0.01, 0.03, 0.0, -0.015]);
+    let state = State { domain, grains, ..state_of(1.0, vec![], 0.1) };
+    let from: Vec<DVec3> = places(&state).iter().map(|&x| x - gradient * x).collect();
+    let found = local(&state, &displacement(&state, &from)).unwrap();
+    let strained = found.gradient.unwrap();
+    let zero = strained.iter().filter(|&&g| g == DMat3::ZERO).count();
+    assert!(zero < 15, "{zero} grains without a tetrahedron of grains");
+    for g in strained.into_iter().filter(|&g| g != DMat3::ZERO) {
+        assert!((g - gradient).to_cols_array().iter().all(|d| d.abs() < 1e-10), "{g}");
+    }
+    let volume = |k: usize| crate::grains::sphere_volume(state.grains.radius[k]) / (1.0 - found.porosity[k]);
+    let sum: f64 = (0..300).map(volume).sum();
+    assert!((sum / state.domain.cell.volume() - 1.0).abs() < 1e-10, "{sum}");
+    // Triaxial: two thirds of axial less radial.
+    let triaxial = DMat3::from_diagonal(DVec3::new(0.01, 0.01, -0.05));
+    assert!((strain_deviator(triaxial) - 0.04).abs() < 1e-15);
+}

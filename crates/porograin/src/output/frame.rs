@@ -32,19 +32,38 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     }
     let fluid_force = vectors(&water.force);
     let stress = measure::grain_stress(now.state, now.model);
+    let deviator: Vec<f64> = order.iter().map(|&i| measure::invariants(stress[i])[1]).collect();
     let stress: Vec<[f64; 6]> = order.iter().map(|&i| symmetric(stress[i])).collect();
-    vtk::points(
-        &vectors(&grains.position),
-        &[
-            Field { name: "id", values: Values::Integers(&id) },
-            Field { name: "radius [m]", values: Values::Scalars(&radius) },
-            Field { name: "velocity [m/s]", values: Values::Vectors(&velocity) },
-            Field { name: "spin [rad/s]", values: Values::Vectors(&spin) },
-            Field { name: "fluid force [N]", values: Values::Vectors(&fluid_force) },
-            Field { name: "stress [Pa]", values: Values::Tensors(&stress) },
-            Field { name: "resultant [N]", values: Values::Vectors(&force) },
-        ],
-    )
+    let moved = measure::displacement(now.state, now.places);
+    let displacement = vectors(&moved);
+    let local = measure::local(now.state, &moved).unwrap_or_default();
+    let porosity: Vec<f64> = order.iter().filter_map(|&i| local.porosity.get(i).copied()).collect();
+    let gradient = local.gradient.unwrap_or_default();
+    let gradient: Vec<DMat3> = order.iter().filter_map(|&i| gradient.get(i).copied()).collect();
+    let strain: Vec<[f64; 6]> = gradient.iter().map(|&g| symmetric(g)).collect();
+    let shear: Vec<f64> = gradient.iter().map(|&g| measure::strain_deviator(g)).collect();
+    // What could not be found is left out.
+    fn some(field: Field<'_>, there: bool) -> Option<Field<'_>> {
+        there.then_some(field)
+    }
+    let fields = [
+        some(Field { name: "porosity [-]", values: Values::Scalars(&porosity) }, !porosity.is_empty()),
+        some(Field { name: "strain [-]", values: Values::Tensors(&strain) }, !strain.is_empty()),
+        some(Field { name: "strain deviator [-]", values: Values::Scalars(&shear) }, !shear.is_empty()),
+    ];
+    let always = [
+        Field { name: "displacement [m]", values: Values::Vectors(&displacement) },
+        Field { name: "stress deviator [Pa]", values: Values::Scalars(&deviator) },
+        Field { name: "id", values: Values::Integers(&id) },
+        Field { name: "radius [m]", values: Values::Scalars(&radius) },
+        Field { name: "velocity [m/s]", values: Values::Vectors(&velocity) },
+        Field { name: "spin [rad/s]", values: Values::Vectors(&spin) },
+        Field { name: "fluid force [N]", values: Values::Vectors(&fluid_force) },
+        Field { name: "stress [Pa]", values: Values::Tensors(&stress) },
+        Field { name: "resultant [N]", values: Values::Vectors(&force) },
+    ];
+    let all: Vec<Field> = always.into_iter().chain(fields.into_iter().flatten()).collect();
+    vtk::points(&vectors(&grains.position), &all)
 }
 
 /// The walls that the case adds, where they are now; `None` when there are none.

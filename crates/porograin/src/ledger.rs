@@ -1,0 +1,256 @@
+//! Where the energy of the grains comes from and where it goes, added up step by step.
+//!
+//! With velocities at half steps a force acts over `F·(v⁻ + v⁺)/2 · kick`, exactly what the kinetic energy changes by. The force
+//! of a contact at time t so takes half of what moves before t and half of what moves after it; summed over the
+//! steps that is the trapezoid `(F(t-dt) + F(t))/2 · du` of each contact. Of the tangential part what is not stored is friction,
+//! `(S0 + S1)/2 · du - d(S²/2k)`, for a linear spring `(S0 + S1)/2 · slip`. The other parts are added up each by its own
+//! law: nothing is a remainder but `error`.
+
+use crate::contact::{Bond, ContactLaw, Contacts, Law, Memory, More, Surroundings, Touch};
+use crate::grains::{Grains, Loads};
+use crate::measure;
+use crate::model::Model;
+use crate::motion;
+use crate::state::State;
+use glam::DVec3;
+use porograin_geometry::triangulation::wall;
+use serde::{Deserialize, Serialize};
+
+/// Work and losses since a stage began [J].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Ledger {
+    /// Kinetic and elastic energy at the beginning; `None` before the first step.
+    pub start: Option<f64>,
+    /// Work of all walls on the grains.
+    pub walls: f64,
+    /// Work of gravity.
+    pub gravity: f64,
+    /// Work of the water on the grains, buoyancy included; with water this is what no other force did.
+    pub water: f64,
+    /// Lost in contacts that slide, roll or twist, and with bonds and bridges that break.
+    pub friction: f64,
+    /// Lost in the dampers of contacts.
+    pub viscous: f64,
+    /// Taken away by Cundall's local damping.
+    pub damping: f64,
+    /// Kinetic energy, half a step after the forces.
+    pub kinetic: f64,
+    /// Elastic energy, half a step after the forces.
+    pub elastic: f64,
+}
+
+/// What a step starts from.
+#[derive(Clone, Debug)]
+pub struct Before(State);
+
+impl Before {
+    /// The state before a step; `None` where no ledger is kept: in periodic cells, whose motion carries grains along, with
+    /// glued grains and with a membrane.
+    pub fn of(state: &State, model: &Model) -> Option<Self> {
+        let kept = !state.domain.is_periodic() && state.domain.glue.is_empty() && model.membrane.is_none();
+        // The water is large and has no part in this.
+        kept.then(|| {
+            let State { time, step, dt, domain, grains, contacts, .. } = state;
+            let (domain, grains, contacts) = (domain.clone(), grains.clone(), contacts.clone());
+            Before(State { time: *time, step: *step, dt: *dt, domain, grains, contacts, fluid: None })
+        })
+    }
+}
+
+/// One contact at the time of its force.
+struct Moment<'a> {
+    law: &'a Law,
+    /// With the velocities before and after the force.
+    touch: [Touch; 2],
+    /// What it remembered before, turned, and remembers now; `None` where it has parted.
+    memory: [Option<Memory>; 2],
+}
+
+/// What one contact adds to the ledger [J].
+#[derive(Default)]
+struct Share {
+    walls: f64,
+    friction: f64,
+    viscous: f64,
+    /// Work on the two bodies.
+    work: f64,
+    /// Energy stored at the time of the force.
+    stored: f64,
+    /// What springs take up in the half step before and in the half step after.
+    halves: [f64; 2],
+}
+
+impl Ledger {
+    /// Takes in a step: from `before` to `after` under `loads`.
+    pub fn add(&mut self, before: &Before, after: &State, model: &Model, loads: &Loads) {
+        let Before(before) = before;
+        let (last, dt) = (before.dt, after.dt);
+        let kick = 0.5 * (last + dt);
+        let first = self.start.is_none();
+
+        let mut sum = Share::default();
+        contacts(before, after, model, |moment, ends| {
+            let share = moment.share(last, dt, kick, ends);
+            sum.walls += share.walls;
+            sum.friction += share.friction;
+            sum.viscous += share.viscous;
+            sum.work += share.work;
+            sum.stored += share.stored;
+            sum.halves[0] += share.halves[0];
+            sum.halves[1] += share.halves[1];
+        });
+        if first {
+            let kinetic = measure::kinetic_energy(&before.grains);
+            self.start = Some(kinetic + sum.stored - sum.halves[0]);
+        } else {
+            self.friction += sum.friction;
+        }
+        self.walls += sum.walls;
+        self.viscous += sum.viscous;
+
+        let (old, new) = (&before.grains, &after.grains);
+        let (mut all, mut gravity, mut damping) = (0.0, 0.0, 0.0);
+        for k in 0..new.len() {
+            let moved = 0.5 * kick * (old.velocity[k] + new.velocity[k]);
+            let turned = 0.5 * kick * (old.spin[k] + new.spin[k]);
+            let (force, torque) = (loads.force[k], loads.torque[k]);
+            all += force.dot(moved) + torque.dot(turned);
+            gravity += new.mass[k] * model.gravity.dot(moved);
+            // What was felt besides the water of an implicit step is not told here; local damping is off with water.
+            let drag = |load: DVec3, rate: DVec3| load - motion::damped(load, load, rate, model.damping);
+            damping += drag(force, old.velocity[k]).dot(moved) + drag(torque, old.spin[k]).dot(turned);
+        }
+        self.gravity += gravity;
+        self.damping += damping;
+        if model.fluid.is_some() {
+            self.water += all - gravity - sum.work;
+        }
+        self.kinetic = measure::kinetic_energy(new);
+        self.elastic = sum.stored + sum.halves[1];
+    }
+
+    /// What came in: work of walls, gravity and water, each by its size, and what was there [J].
+    pub fn input(&self) -> f64 {
+        self.start.unwrap_or(0.0) + self.walls.abs() + self.gravity.abs() + self.water.abs()
+    }
+
+    /// What came in less what is there and what was lost [J].
+    pub fn error(&self) -> f64 {
+        let came = self.start.unwrap_or(0.0) + self.walls + self.gravity + self.water;
+        came - self.friction - self.viscous - self.damping - self.kinetic - self.elastic
+    }
+}
+
+/// Calls `take` with every contact of a step, those that part in it included, and the velocities and spins of its first grain
+/// before and after; the latter `None` unless the second is a wall.
+fn contacts(
+    before: &State,
+    after: &State,
+    model: &Model,
+    mut take: impl FnMut(&Moment, Option<[(DVec3, DVec3); 2]>),
+) {
+    // The places of before with the velocities of after.
+    let mut moved = Grains { position: before.grains.position.clone(), ..after.grains.clone() };
+    moved.radius.clone_from(&before.grains.radius);
+    let mut domain = before.domain.clone();
+    domain.wall_velocity = after.domain.wall_velocity;
+    for (place, new) in domain.walls.iter_mut().zip(&after.domain.walls) {
+        (place.velocity, place.spin) = (new.velocity, new.spin);
+    }
+    let around =
+        |grains, domain| Surroundings::new(grains, domain, &model.faces, &model.walls, &model.contact);
+    let (old, new) = (around(&before.grains, &before.domain), around(&moved, &domain));
+    let memory = |contacts: &Contacts, k: usize| {
+        let mut memory = contacts.memory(k);
+        // Forces of a law that remembers no more count as those of one that does.
+        if contacts.more.is_none() {
+            memory.more = More::default();
+        }
+        memory
+    };
+    let (was, is) = (&before.contacts, &after.contacts);
+    let (mut a, mut b) = (0, 0);
+    while a < was.len() || b < is.len() {
+        let pair = match (was.pairs.get(a), is.pairs.get(b)) {
+            (Some(p), Some(q)) => *p.min(q),
+            (Some(p), None) | (None, Some(p)) => *p,
+            (None, None) => return,
+        };
+        let touch = [old.touch(pair), new.touch(pair)];
+        let past = (was.pairs.get(a) == Some(&pair)).then(|| {
+            let mut memory = memory(was, a);
+            memory.turn(touch[0].normal, touch[0].twist * before.dt);
+            a += 1;
+            memory
+        });
+        let now = (is.pairs.get(b) == Some(&pair)).then(|| {
+            b += 1;
+            memory(is, b - 1)
+        });
+        let i = pair[0] as usize;
+        let ends = wall(pair[1])
+            .map(|_| [&before.grains, &moved].map(|grains| (grains.velocity[i], grains.spin[i])));
+        take(&Moment { law: old.law(pair), touch, memory: [past, now] }, ends);
+    }
+}
+
+impl Moment<'_> {
+    fn share(&self, last: f64, dt: f64, kick: f64, ends: Option<[(DVec3, DVec3); 2]>) -> Share {
+        let [before, after] = &self.touch;
+        let at_rest = Touch { velocity: DVec3::ZERO, spin: DVec3::ZERO, twist: 0.0, ..*before };
+        let normal = before.normal;
+        let mut share = Share::default();
+        // The tangential force and the moments of a memory.
+        let held = |memory: &Memory| (memory.shear, memory.more.roll + memory.more.twist * normal);
+        let stored = |touch: &Touch, memory: &Memory| {
+            self.law.energy(touch, memory) - self.law.energy(touch, &bare(memory))
+        };
+        let (shear, moment) = self.memory[1].as_ref().map_or_else(Default::default, held);
+        if let Some(memory) = self.memory[1] {
+            let load = |touch: &Touch| self.law.load(touch, &mut memory.clone(), 0.0);
+            let all = load(before);
+            // What is remembered may be beyond what a contact at rest could hold: the friction cone is that of all forces.
+            let spring = shear + load(&at_rest).force.dot(normal) * normal;
+            let damper = all.force - spring;
+            let moved = 0.5 * kick * (before.velocity + after.velocity);
+            let turned = 0.5 * kick * (before.spin + after.spin);
+            share.viscous = damper.dot(moved);
+            share.work = -all.force.dot(moved) - all.moment.dot(turned);
+            if let Some([(v0, w0), (v1, w1)]) = ends {
+                let lever = before.levers()[0] * normal;
+                let point = 0.5 * kick * (v0 + v1) + (0.5 * kick * (w0 + w1)).cross(lever);
+                let spun = 0.5 * kick * (w0 + w1);
+                share.walls = all.force.dot(point + moved) + all.moment.dot(spun + turned);
+                share.work += share.walls;
+            }
+            let takes = |touch: &Touch| spring.dot(touch.velocity) + moment.dot(touch.spin);
+            share.halves = [0.5 * last * takes(before), 0.5 * dt * takes(after)];
+            share.stored = self.law.energy(before, &memory);
+            share.friction -= stored(before, &memory);
+        }
+        if let Some(memory) = self.memory[0] {
+            let earlier = before.overlap + before.velocity.dot(normal) * last;
+            share.friction += stored(&Touch { overlap: earlier, ..*before }, &memory);
+            let (shear, moment) = held(&memory);
+            share.friction += 0.5 * last * (shear.dot(before.velocity) + moment.dot(before.spin));
+            let bound = |more: &More| more.bond == Bond::Whole || more.bridge;
+            let now = self.memory[1].unwrap_or_default();
+            if bound(&memory.more) || bound(&now.more) {
+                let with = |more: More| {
+                    let memory = bare(&Memory { shear: DVec3::ZERO, more });
+                    let there = before.overlap > 0.0 || bound(&more);
+                    if there { self.law.energy(before, &memory) } else { 0.0 }
+                };
+                share.friction += with(memory.more) - with(now.more);
+            }
+        }
+        share.friction += 0.5 * last * (shear.dot(before.velocity) + moment.dot(before.spin));
+        share
+    }
+}
+
+/// A memory without its tangential force and moments.
+fn bare(memory: &Memory) -> Memory {
+    let more = More { roll: DVec3::ZERO, twist: 0.0, ..memory.more };
+    Memory { shear: DVec3::ZERO, more }
+}

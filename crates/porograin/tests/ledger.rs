@@ -1,0 +1,90 @@
+//! The budget of the energy closes.
+
+use porograin::case::Case;
+use porograin::ledger::Ledger;
+use porograin::run::Simulation;
+use std::path::Path;
+
+/// 100 grains under gravity thrown together by pistons, then pressed slowly from above.
+fn case(law: &str, safety: f64) -> Case {
+    let case = format!(
+        r#"
+        title = "budget"
+        gravity = [0.0, 0.0, -9.81]
+        time-step = {{ automatic = {{ safety = {safety} }} }}
+        [domain]
+        size = [0.02, 0.02, 0.02]
+        [grains]
+        packing = {{ cloud = {{ count = 100, spread = 0.2, seed = 3, porosity = 0.7 }} }}
+        density = 2600.0
+        {law}
+        [face.all]
+        friction = 20.0
+        [face.bottom]
+        solid = "fixed"
+        [[stage]]
+        name = "press"
+        face.all.solid = {{ servo = {{ stress = 1000.0 }} }}
+        until = {{ unbalanced = 1e-2, stress-error = 0.02, max-steps = 2000000 }}
+        [[stage]]
+        name = "shear"
+        face.top.solid = {{ moving = {{ velocity = [0.0, 0.0, -0.01] }} }}
+        face.sides.solid = {{ servo = {{ stress = 1000.0 }} }}
+        until = {{ time = 0.03 }}
+        [[watch]]
+        measures = ["energy-budget"]
+        every = {{ steps = 1000 }}
+        "#
+    );
+    Case::from_text("case.toml", &case, Path::new("."), &[]).unwrap()
+}
+
+/// The ledgers at the ends of the two stages.
+fn ledgers(case: &Case) -> [Ledger; 2] {
+    let mut simulation = Simulation::new(case).unwrap();
+    let mut ends = [Ledger::default(); 2];
+    while simulation.advance().unwrap().is_some() {
+        if simulation.progress.began.is_none() {
+            ends[simulation.progress.stage - 1] = simulation.progress.ledger.unwrap();
+        }
+    }
+    ends
+}
+
+const LINEAR: &str = "[contact.linear]\nyoung = 1e6\nstiffness-ratio = 0.5\nfriction = 30.0";
+const DAMPED: &str = "restitution = 0.3\nrolling = { friction = 0.1 }";
+const HERTZ: &str = "[contact.hertz-mindlin]\nyoung = 2e7\npoisson = 0.3\nfriction = 30.0";
+
+#[test]
+fn the_budget_closes_to_a_millionth_in_slow_loading_and_with_the_square_of_the_step_in_collisions() {
+    for law in [LINEAR, &format!("{LINEAR}\n{DAMPED}"), HERTZ] {
+        let [coarse, fine] = [0.4, 0.1].map(|safety| ledgers(&case(law, safety)));
+        let part = |ledger: &Ledger| (ledger.error() / ledger.input()).abs();
+        assert!(part(&fine[1]) < 1e-6, "slow loading: {:e} of {:?}", part(&fine[1]), fine[1]);
+        // A quarter of the step: a sixteenth of the error.
+        let (before, after) = (part(&coarse[0]), part(&fine[0]));
+        assert!(before < 2e-3 && after < before / 8.0, "collisions: {before:e}, {after:e}");
+        // Nothing is small that should be there.
+        for lost in [fine[0].friction, fine[0].damping, fine[0].gravity, fine[0].walls] {
+            assert!(lost > 0.01 * fine[0].input(), "{:?}", fine[0]);
+        }
+        let viscous = fine[0].viscous / fine[0].input();
+        assert!(if law.contains("restitution") { viscous > 0.01 } else { viscous.abs() < 1e-12 });
+    }
+}
+
+#[test]
+fn a_resumed_run_keeps_the_same_ledger() {
+    let case = case(LINEAR, 0.8);
+    let mut whole = Simulation::new(&case).unwrap();
+    let mut stopped = None;
+    while whole.advance().unwrap().is_some() {
+        if whole.state.step == 1234 {
+            stopped = Some((whole.state.clone(), whole.progress.clone()));
+        }
+    }
+    let (state, progress) = stopped.unwrap();
+    let mut resumed = Simulation::resume(&case, state, progress);
+    while resumed.advance().unwrap().is_some() {}
+    assert_eq!(resumed.progress, whole.progress);
+}
