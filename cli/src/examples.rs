@@ -37,6 +37,16 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "03-bidisperse-permeability",
+        about: "permeability of beads of two sizes against their mass ratio, periodic (case.toml) and walled (walled.toml)",
+        files: &[
+            ("case.toml", include_str!("../../examples/03-bidisperse-permeability/case.toml")),
+            ("walled.toml", include_str!("../../examples/03-bidisperse-permeability/walled.toml")),
+            ("README.md", include_str!("../../examples/03-bidisperse-permeability/README.md")),
+            ("permeability.svg", include_str!("../../examples/03-bidisperse-permeability/permeability.svg")),
+        ],
+    },
+    Example {
         name: "04-seabed-pressure",
         about: "the pressure in a bed of grains under a standing wave, a formula of place and time, against theory",
         files: &[

@@ -15,17 +15,15 @@ pub fn export(arguments: &Export) -> Outcome {
     let mut order: Vec<usize> = (0..grains.len()).collect();
     order.sort_by_key(|&k| grains.id[k]);
     let (lower, upper) = (cell.origin, cell.upper());
-    let mut text = format!(
-        "# {} grains at t = {} s; --box {},{},{},{},{},{}\nx,y,z,r\n",
-        grains.len(),
-        number(state.time),
-        number(lower.x),
-        number(lower.y),
-        number(lower.z),
-        number(upper.x),
-        number(upper.y),
-        number(upper.z)
-    );
+    // What `porograin permeability` wants to know of the region.
+    let (option, region) = if cell.periodic == [true; 3] {
+        ("lattice", cell.edges.to_cols_array().to_vec())
+    } else {
+        ("box", [lower.to_array(), upper.to_array()].concat())
+    };
+    let region: Vec<String> = region.into_iter().map(number).collect();
+    let (count, time, region) = (grains.len(), number(state.time), region.join(","));
+    let mut text = format!("# {count} grains at t = {time} s; --{option} {region}\nx,y,z,r\n");
     for k in order {
         let (x, r) = (grains.position[k], grains.radius[k]);
         let _ = writeln!(text, "{},{},{},{}", number(x.x), number(x.y), number(x.z), number(r));
@@ -36,6 +34,6 @@ pub fn export(arguments: &Export) -> Outcome {
         .map_err(|e| Failure::Input(format!("cannot write {shown}: {}", reason(&e))))?;
     say!("{} grains in {shown}", grains.len());
     Ok(Some(
-        json!({ "grains": grains.len(), "file": shown, "lower": lower.to_array(), "upper": upper.to_array() }),
+        json!({ "grains": grains.len(), "file": shown, "lower": lower.to_array(), "upper": upper.to_array(), "edges": cell.edges.to_cols_array_2d() }),
     ))
 }
