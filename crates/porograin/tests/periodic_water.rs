@@ -319,7 +319,7 @@ until = {{ time = {time:?} }}
     };
     let bottom = |simulation: &Simulation| simulation.profile().unwrap()[0];
     let stress = |s: &Simulation| measure::contact_stress(&s.state, &s.stages()[1].model).z_axis.z;
-    let early = run(&case(40.0, 3.2e-3));
+    let early = run(&case(400.0, 5e-3));
     assert!((bottom(&early) / 2000.0 - 1.0).abs() < 0.05, "{}", bottom(&early));
     let below = measure::wall_stress(&early.state.domain)[4];
     assert!((below / 3000.0 - 1.0).abs() < 0.01, "{below}");
