@@ -11,30 +11,54 @@ use crate::vector::{ALONE, CHUNK, each};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The finest level. Nodes are numbered cluster by cluster, each cluster in the order of its elimination.
+/// The finest level. Nodes are numbered cluster by cluster, each cluster in the order of its elimination, and worked on in parts of
+/// whole clusters.
+///
+/// Most nodes have no, one or two of anything, so loops over lists of throats are several times faster than loops over the throats of each
+/// node, whose ends no processor foresees.
 pub struct Finest {
-    /// The number in the matrix of each node; the node and the cluster of each number in the matrix.
+    /// The number in the matrix of each node; the node of each number in the matrix.
     order: Vec<u32>,
     place: Vec<u32>,
+    /// The cluster of each number in the matrix, and of each node.
     cluster: Vec<u32>,
+    owner: Vec<u32>,
     /// First node of each cluster, length clusters + 1.
     starts: Vec<u32>,
-    /// The first cluster of each of the parts that threads take, and the end.
-    parts: Vec<u32>,
-    /// `D = (I - T)⁻¹ diag(1 / inverse) (I - T)⁻ᵀ` with `T` by columns: which share of what enters a node goes on to which node.
-    takes: Vec<u32>,
-    targets: Vec<u32>,
-    shares: Vec<f32>,
+    parts: Vec<Part>,
+    /// `D = (I - T)⁻¹ diag(1 / inverse) (I - T)⁻ᵀ`: the entries of `T`, in the order in which nodes are taken out.
+    shares: Vec<Share>,
     inverse: Vec<f32>,
-    /// The throats between clusters, by rows.
-    bounds: Vec<u32>,
-    columns: Vec<u32>,
-    values: Vec<f32>,
+    /// The throats between clusters, in the order of their nodes; each is there twice.
+    throats: Vec<Throat>,
     /// What the rows of the matrix sum to.
     excess: Vec<f32>,
     /// `D⁻¹ b`, then the answer without `e`; `D⁻¹ b + e`.
     x: Vec<f32>,
     raised: Vec<f32>,
+}
+
+/// Some thousand nodes.
+struct Part {
+    nodes: Range<usize>,
+    clusters: Range<usize>,
+    shares: Range<usize>,
+    throats: Range<usize>,
+}
+
+/// A share of what enters a node when it is taken out goes on to another node. Both count from the beginning of the part.
+struct Share {
+    from: u16,
+    to: u16,
+    part: f32,
+}
+
+/// A throat of a node, and of its cluster, to another cluster's node. The first two count from the beginning of the part.
+struct Throat {
+    node: u16,
+    cluster: u16,
+    to: u32,
+    conductance: f32,
 }
 
 impl Finest {
@@ -56,31 +80,29 @@ impl Finest {
             (order[*at as usize], place[i]) = (i as u32, *at);
             *at += 1;
         }
-        let mut parts = vec![0];
-        for c in 1..count {
-            let begin = parts.last().map_or(0, |&p| starts[p as usize]);
-            if starts[c] - begin >= CHUNK as u32 {
-                parts.push(c as u32);
-            }
-        }
-        parts.push(count as u32);
+        let owner = order.iter().map(|&i| cluster[i as usize]).collect();
         let mut finest = Finest {
             order,
             place,
             cluster,
+            owner,
             starts,
-            parts,
-            takes: vec![0],
-            targets: Vec::with_capacity(2 * n),
+            parts: Vec::new(),
             shares: Vec::with_capacity(2 * n),
             inverse: Vec::with_capacity(n),
-            bounds: vec![0],
-            columns: Vec::new(),
-            values: Vec::new(),
+            throats: Vec::new(),
             excess: Vec::new(),
             x: vec![0.0; n],
             raised: vec![0.0; n],
         };
+        let mut first = 0;
+        for c in 1..=count {
+            let nodes = finest.starts[first] as usize..finest.starts[c] as usize;
+            if nodes.len() >= CHUNK || c == count {
+                finest.parts.push(Part { nodes, clusters: first..c, shares: 0..0, throats: 0..0 });
+                first = c;
+            }
+        }
         finest.factor(matrix, scale);
         finest.excess = finest.order.iter().map(|&i| (matrix.excess()[i as usize] * scale) as f32).collect();
         let coarse = finest.join(matrix, scale);
@@ -89,42 +111,45 @@ impl Finest {
 
     /// Factors every cluster and puts its nodes in the order of their elimination.
     fn factor(&mut self, matrix: &Matrix, scale: f64) {
+        let Finest { order, place, cluster, starts, parts, shares, inverse, .. } = self;
         let mut star = Star::new();
-        let (mut old, mut now) = ([0u32; LARGEST], [0u32; LARGEST]);
-        for c in 0..self.starts.len() - 1 {
-            let range = self.starts[c] as usize..self.starts[c + 1] as usize;
-            let (first, size) = (range.start, range.len());
-            old[..size].copy_from_slice(&self.order[range]);
-            for k in 0..size {
-                let i = old[k] as usize;
-                star.begin(k, matrix.excess()[i] * scale);
-                let (js, entries) = matrix.row(i);
-                for (&j, &a) in js.iter().zip(entries).filter(|(_, a)| **a != 0.0) {
-                    if self.cluster[j as usize] as usize == c {
-                        star.join(k, self.place[j as usize] as usize - first, -a * scale);
-                    } else {
-                        star.add_outside(k, -a * scale);
+        let (mut old, mut now) = ([0u32; LARGEST], [0u16; LARGEST]);
+        for part in parts {
+            let before = shares.len();
+            for c in part.clusters.clone() {
+                let range = starts[c] as usize..starts[c + 1] as usize;
+                let (first, size) = (range.start, range.len());
+                old[..size].copy_from_slice(&order[range]);
+                for k in 0..size {
+                    let i = old[k] as usize;
+                    star.begin(k, matrix.excess()[i] * scale);
+                    let (js, entries) = matrix.row(i);
+                    for (&j, &a) in js.iter().zip(entries).filter(|(_, a)| **a != 0.0) {
+                        if cluster[j as usize] as usize == c {
+                            star.join(k, place[j as usize] as usize - first, -a * scale);
+                        } else {
+                            star.add_outside(k, -a * scale);
+                        }
                     }
                 }
+                let mut left = u64::MAX >> (LARGEST - size);
+                let begin = shares.len();
+                for at in first..first + size {
+                    let k = star.next(left);
+                    left &= !(1 << k);
+                    now[k] = (at - part.nodes.start) as u16;
+                    let total = star.take(k, |m, part| {
+                        shares.push(Share { from: now[k], to: m as u16, part: part as f32 });
+                    });
+                    inverse.push((1.0 / total) as f32);
+                    order[at] = old[k];
+                }
+                shares[begin..].iter_mut().for_each(|share| share.to = now[share.to as usize]);
+                for k in 0..size {
+                    place[old[k] as usize] = part.nodes.start as u32 + u32::from(now[k]);
+                }
             }
-            let mut left = u64::MAX >> (LARGEST - size);
-            let begin = self.targets.len();
-            for at in first..first + size {
-                let k = star.next(left);
-                left &= !(1 << k);
-                let total = star.take(k, |m, part| {
-                    self.targets.push(m as u32);
-                    self.shares.push(part as f32);
-                });
-                self.inverse.push((1.0 / total) as f32);
-                self.takes.push(self.targets.len() as u32);
-                self.order[at] = old[k];
-                now[k] = at as u32;
-            }
-            self.targets[begin..].iter_mut().for_each(|t| *t = now[*t as usize]);
-            for k in 0..size {
-                self.place[old[k] as usize] = now[k];
-            }
+            part.shares = before..shares.len();
         }
     }
 
@@ -134,86 +159,99 @@ impl Finest {
         let mut rows = Rows::with_room(count);
         let mut diagonal = Vec::with_capacity(count);
         let mut seen = vec![NONE; count];
-        for c in 0..count {
-            let mut sum = 0.0;
-            for k in self.starts[c]..self.starts[c + 1] {
-                let i = self.order[k as usize] as usize;
-                sum += matrix.excess()[i] * scale;
-                let (js, entries) = matrix.row(i);
-                for (&j, &a) in js.iter().zip(entries) {
-                    let (d, a) = (self.cluster[j as usize], a * scale);
-                    if d as usize == c || a == 0.0 {
-                        continue;
+        for part in &mut self.parts {
+            let before = self.throats.len();
+            for c in part.clusters.clone() {
+                let mut sum = 0.0;
+                for k in self.starts[c] as usize..self.starts[c + 1] as usize {
+                    let i = self.order[k] as usize;
+                    sum += matrix.excess()[i] * scale;
+                    let (js, entries) = matrix.row(i);
+                    for (&j, &a) in js.iter().zip(entries) {
+                        let (d, a) = (self.cluster[j as usize], a * scale);
+                        if d as usize == c || a == 0.0 {
+                            continue;
+                        }
+                        self.throats.push(Throat {
+                            node: (k - part.nodes.start) as u16,
+                            cluster: (c - part.clusters.start) as u16,
+                            to: self.place[j as usize],
+                            conductance: -a as f32,
+                        });
+                        sum -= a;
+                        rows.add(&mut seen, d, a);
                     }
-                    self.columns.push(self.place[j as usize]);
-                    self.values.push(-a as f32);
-                    sum -= a;
-                    rows.add(&mut seen, d, a);
                 }
-                self.bounds.push(self.columns.len() as u32);
+                rows.end();
+                diagonal.push(sum);
             }
-            rows.end();
-            diagonal.push(sum);
+            part.throats = before..self.throats.len();
         }
         Sparse { rows, diagonal }
     }
 
     /// Entries held.
     pub fn entries(&self) -> usize {
-        self.shares.len() + self.inverse.len() + self.columns.len()
+        self.shares.len() + self.inverse.len() + self.throats.len()
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        4 * (2 * self.shares.len() + 2 * self.columns.len() + 9 * self.order.len() + self.starts.len())
+        size_of_val(&*self.shares)
+            + size_of_val(&*self.throats)
+            + 4 * (8 * self.order.len() + self.starts.len())
     }
 
     /// Begins a cycle for the right-hand side `factor r`; writes that of the clusters into `coarse`.
     pub fn down(&mut self, r: &[f64], factor: f64, coarse: &mut [f32]) {
         let mut x = std::mem::take(&mut self.x);
-        self.by_part(&mut x, |clusters, x| {
-            let start = self.starts[clusters.start] as usize;
-            for c in clusters {
-                let nodes = self.starts[c] as usize..self.starts[c + 1] as usize;
-                for k in nodes.clone() {
-                    x[k - start] = (r[self.order[k] as usize] * factor) as f32;
+        self.by_part(
+            &mut x,
+            |part| part.nodes.len(),
+            |part, x| {
+                for (x, &i) in x.iter_mut().zip(&self.order[part.nodes.clone()]) {
+                    *x = (r[i as usize] * factor) as f32;
                 }
-                self.solve(nodes, start, x);
-            }
-        });
-        each(coarse, |c| {
-            let throats = self.throats(self.starts[c] as usize, self.starts[c + 1] as usize);
-            throats.map(|(j, g)| g * x[j]).sum()
-        });
+                self.solve(part, x);
+            },
+        );
+        self.by_part(
+            coarse,
+            |part| part.clusters.len(),
+            |part, coarse| {
+                coarse.fill(0.0);
+                for throat in &self.throats[part.throats.clone()] {
+                    coarse[throat.cluster as usize] += throat.conductance * x[throat.to as usize];
+                }
+            },
+        );
         self.x = x;
     }
 
     /// Ends the cycle with the correction of the clusters: the answer, times `factor`, goes to `z`.
     pub fn up(&mut self, correction: &[f32], factor: f64, z: &mut [f64]) {
         let (mut x, mut raised) = (std::mem::take(&mut self.x), std::mem::take(&mut self.raised));
-        self.by_part(&mut raised, |clusters, raised| {
-            let start = self.starts[clusters.start] as usize;
-            for c in clusters {
-                for k in self.starts[c] as usize..self.starts[c + 1] as usize {
-                    raised[k - start] = x[k] + correction[c];
+        each(&mut raised, |k| x[k] + correction[self.owner[k] as usize]);
+        self.by_part(
+            &mut x,
+            |part| part.nodes.len(),
+            |part, x| {
+                let mut second = [0.0; CHUNK + LARGEST];
+                let second = &mut second[..x.len()];
+                let e = &correction[part.clusters.clone()];
+                let of_nodes = self.owner[part.nodes.clone()].iter().map(|&c| correction[c as usize]);
+                for ((y, excess), e) in second.iter_mut().zip(&self.excess[part.nodes.clone()]).zip(of_nodes)
+                {
+                    *y = -excess * e;
                 }
-            }
-        });
-        self.by_part(&mut x, |clusters, x| {
-            let start = self.starts[clusters.start] as usize;
-            let mut first = [0.0; LARGEST];
-            for c in clusters {
-                let (nodes, e) = (self.starts[c] as usize..self.starts[c + 1] as usize, correction[c]);
-                for (k, first) in nodes.clone().zip(&mut first) {
-                    let flow: f32 = self.throats(k, k + 1).map(|(j, g)| g * (raised[j] - e)).sum();
-                    *first = std::mem::replace(&mut x[k - start], flow - self.excess[k] * e);
+                for throat in &self.throats[part.throats.clone()] {
+                    let difference = raised[throat.to as usize] - e[throat.cluster as usize];
+                    second[throat.node as usize] += throat.conductance * difference;
                 }
-                self.solve(nodes.clone(), start, x);
-                for (k, first) in nodes.zip(&first) {
-                    x[k - start] += first;
-                }
-            }
-        });
+                self.solve(part, second);
+                x.iter_mut().zip(second).for_each(|(x, y)| *x += *y);
+            },
+        );
         // Only here do the two parts meet, in double precision: `e` is smooth and large, `x` differs along the strong throats by what
         // rounding `e` to single precision would drown.
         each(z, |i| {
@@ -223,45 +261,33 @@ impl Finest {
         (self.x, self.raised) = (x, raised);
     }
 
-    /// The throats to other clusters from the nodes `from..to`.
+    /// `x = D⁻¹ x` for the nodes of one part.
     #[inline(always)]
-    fn throats(&self, from: usize, to: usize) -> impl Iterator<Item = (usize, f32)> {
-        let range = self.bounds[from] as usize..self.bounds[to] as usize;
-        self.columns[range.clone()].iter().zip(&self.values[range]).map(|(&j, &g)| (j as usize, g))
-    }
-
-    /// `x = D⁻¹ x` for the nodes of one cluster; `x` begins at the node `start`.
-    #[inline(always)]
-    fn solve(&self, nodes: Range<usize>, start: usize, x: &mut [f32]) {
-        for k in nodes.clone() {
-            let range = self.takes[k] as usize..self.takes[k + 1] as usize;
-            let enters = x[k - start];
-            for (&t, share) in self.targets[range.clone()].iter().zip(&self.shares[range]) {
-                x[t as usize - start] += share * enters;
-            }
-            x[k - start] = enters * self.inverse[k];
+    fn solve(&self, part: &Part, x: &mut [f32]) {
+        let shares = &self.shares[part.shares.clone()];
+        for share in shares {
+            x[share.to as usize] += share.part * x[share.from as usize];
         }
-        for k in nodes.rev() {
-            let range = self.takes[k] as usize..self.takes[k + 1] as usize;
-            let shares = self.targets[range.clone()].iter().zip(&self.shares[range]);
-            x[k - start] += shares.map(|(&t, share)| share * x[t as usize - start]).sum::<f32>();
+        x.iter_mut().zip(&self.inverse[part.nodes.clone()]).for_each(|(x, inverse)| *x *= inverse);
+        for share in shares.iter().rev() {
+            x[share.from as usize] += share.part * x[share.to as usize];
         }
     }
 
-    /// Calls `f` with the clusters of each part and the entries of `x` at their nodes.
-    fn by_part(&self, x: &mut [f32], f: impl Fn(Range<usize>, &mut [f32]) + Sync) {
-        if x.len() < ALONE {
-            return f(0..self.starts.len() - 1, x);
-        }
-        let mut slices = Vec::with_capacity(self.parts.len());
+    /// Calls `f` with each part and its `length` entries of `x`.
+    fn by_part(&self, x: &mut [f32], length: impl Fn(&Part) -> usize, f: impl Fn(&Part, &mut [f32]) + Sync) {
+        let alone = self.order.len() < ALONE;
+        let mut slices = Vec::with_capacity(if alone { 0 } else { self.parts.len() });
         let mut rest = x;
-        for part in self.parts.windows(2) {
-            let clusters = part[0] as usize..part[1] as usize;
-            let nodes = self.starts[clusters.end] - self.starts[clusters.start];
-            let (slice, after) = rest.split_at_mut(nodes as usize);
-            slices.push((clusters, slice));
+        for part in &self.parts {
+            let (slice, after) = rest.split_at_mut(length(part));
+            if alone {
+                f(part, slice);
+            } else {
+                slices.push((part, slice));
+            }
             rest = after;
         }
-        slices.into_par_iter().for_each(|(clusters, slice)| f(clusters, slice));
+        slices.into_par_iter().for_each(|(part, slice)| f(part, slice));
     }
 }

@@ -14,7 +14,7 @@ use crate::{Matrix, Preconditioner};
 /// Networks of at most this many nodes are solved by a dense inverse.
 const COARSEST: usize = 64;
 /// Nodes per part of a sweep, on levels large enough to be worth several threads.
-const PART: usize = 8192;
+const PART: usize = 1 << 15;
 
 /// One level of aggregation.
 struct Level {
