@@ -21,6 +21,18 @@ pub enum Method {
     GaussSeidel,
 }
 
+impl Method {
+    /// What [`Method::Auto`] stands for with so many nodes and so many solves expected before the pattern changes; others stand for
+    /// themselves.
+    pub fn for_size(self, nodes: usize, expected_solves: usize) -> Method {
+        match self {
+            Method::Auto if nodes <= AUTO_CHOLESKY && expected_solves >= AUTO_SOLVES => Method::Cholesky,
+            Method::Auto => Method::ConjugateGradients,
+            method => method,
+        }
+    }
+}
+
 /// As case files and the command line spell it.
 impl std::fmt::Display for Method {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
@@ -125,11 +137,7 @@ impl Solver {
             return Err(Error::Length { what: "positions", found: positions.len(), expected: n });
         }
         refuse_singular(matrix)?;
-        let method = match params.method {
-            Method::Auto if n <= AUTO_CHOLESKY && params.expected_solves >= AUTO_SOLVES => Method::Cholesky,
-            Method::Auto => Method::ConjugateGradients,
-            method => method,
-        };
+        let method = params.method.for_size(n, params.expected_solves);
         let machine = match method {
             Method::Cholesky => Machine::Cholesky(Box::new(Cholesky::new(matrix, positions)?)),
             Method::GaussSeidel => Machine::GaussSeidel,
