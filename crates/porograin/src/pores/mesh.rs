@@ -7,7 +7,7 @@ use crate::boundary::Slip;
 use crate::grains::Loads;
 use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
-use porograin_geometry::throat::{Packing, Shape, pore_volume, radical_centres, shape, throats};
+use porograin_geometry::throat::{Centres, Packing, Throat, pore_volume, radical_centres, shape, throats};
 use porograin_geometry::triangulation::{FACET, FIRST_WALL, NONE, Triangulation, TriangulationError, wall};
 use porograin_linear::FIXED;
 use rayon::prelude::*;
@@ -17,6 +17,9 @@ use serde::{Deserialize, Serialize};
 ///
 /// The throat between them would conduct without bound; what is neglected is a resistance 10⁻⁴ of a typical one.
 const COINCIDENT: f64 = 1e-4;
+
+/// Throats worked out before they are added up.
+const BLOCK: usize = 1 << 12;
 
 /// The node is free: no face holds its pressure.
 pub const FREE: u8 = u8::MAX;
@@ -141,35 +144,13 @@ impl Mesh {
         let centres = radical_centres(packing, &triangulation);
         let throats = throats(&triangulation);
         let pores = triangulation.pores.len();
-        let parts: Vec<Part> = throats
-            .par_iter()
-            .with_min_len(256)
-            .map(|throat| {
-                let shape = shape(packing, &triangulation, &centres, throat);
-                let passage = Passage::new(packing, &triangulation, &centres, throat, &shape, &walls.slip);
-                let pore = throat.pores[0] as usize;
-                let points = FACET[throat.facet as usize].map(|m| packing.point(&triangulation, pore, m));
-                let coupled = coupling(packing, &passage, points, conductance);
-                let between = centres.point[throat.pores[1] as usize] + packing.cell.shift(throat.shift)
-                    - centres.point[pore];
-                Part {
-                    conductance: conductance.of(&passage, viscosity),
-                    clamped: conductance.clamps(&passage),
-                    void: shape.void,
-                    coincide: between.length() < COINCIDENT * mean_radius(packing, throat.vertices),
-                    force: coupled.force,
-                    torque: coupled.torque,
-                    area: shape_area(&shape),
-                    centroid: shape.centroid,
-                }
-            })
-            .collect();
-
         let mut census =
             Census { pores, throats: throats.len(), flat: centres.borrowed.len(), ..Census::default() };
         let mut sets = Sets::new(pores);
-        for (throat, part) in throats.iter().zip(&parts) {
-            if part.coincide {
+        for throat in &throats {
+            let pores = throat.pores.map(|p| centres.point[p as usize]);
+            let apart = pores[1] + packing.cell.shift(throat.shift) - pores[0];
+            if apart.length() < COINCIDENT * mean_radius(packing, throat.vertices) {
                 census.merged += usize::from(sets.join(throat.pores, throat.shift));
             }
         }
@@ -207,7 +188,7 @@ impl Mesh {
             .collect();
 
         let mut mesh = Mesh {
-            centre: centres.point,
+            centre: Vec::new(),
             volume: (0..pores)
                 .into_par_iter()
                 .map(|pore| pore_volume(packing, &triangulation, pore))
@@ -240,41 +221,49 @@ impl Mesh {
             triangulation,
         };
         let mut closing = vec![DVec3::ZERO; pores];
-        for (throat, part) in throats.iter().zip(&parts) {
-            let [i, j] = throat.pores.map(|p| p as usize);
-            let (order, slots) = (FACET[throat.facet as usize], throat.slots(&mesh.triangulation));
-            for k in 0..3 {
-                mesh.force[i][order[k]] += part.force[k];
-                mesh.torque[i][order[k]] += part.torque[k];
-                mesh.force[j][slots[k]] -= part.force[k];
-                mesh.torque[j][slots[k]] -= part.torque[k];
-            }
-            closing[i] += part.area;
-            closing[j] -= part.area;
-            let nodes = throat.pores.map(|p| mesh.node[p as usize]);
-            nodes.iter().for_each(|&node| mesh.void[node as usize] += 0.5 * part.void);
-            let mut away = [0; 3];
-            if let Some(images) = &mut mesh.images {
-                away = between(throat.shift, images.frame[i], images.frame[j]);
-                let link = mesh.links.len() as u32;
-                if away != [0; 3] {
-                    images.crossings.push((link, packing.cell.shift(away)));
+        // Block by block: what all throats contribute would be half of the memory of a mesh.
+        for block in throats.chunks(BLOCK) {
+            let part = |throat| {
+                Part::of(throat, packing, &mesh.triangulation, &centres, walls, conductance, viscosity)
+            };
+            let parts: Vec<Part> = block.par_iter().with_min_len(256).map(part).collect();
+            for (throat, part) in block.iter().zip(&parts) {
+                let [i, j] = throat.pores.map(|p| p as usize);
+                let (order, slots) = (FACET[throat.facet as usize], throat.slots(&mesh.triangulation));
+                for k in 0..3 {
+                    mesh.force[i][order[k]] += part.force[k];
+                    mesh.torque[i][order[k]] += part.torque[k];
+                    mesh.force[j][slots[k]] -= part.force[k];
+                    mesh.torque[j][slots[k]] -= part.torque[k];
                 }
-                images.add_wall_drag(throat.vertices, part.force, away);
-                let points = order.map(|m| packing.point(&mesh.triangulation, i, m));
-                let points = points.map(|x| x.unwrap_or(part.centroid) - packing.cell.origin);
-                let both = images::stretch(part.force, points, packing.cell.shift(throat.shift));
-                images.stretch[i] += both[0];
-                images.stretch[j] += both[1];
-            }
-            // A node beside its own image has a link to itself.
-            if nodes[0] != nodes[1] || away != [0; 3] {
-                mesh.census.closed += usize::from(part.conductance == 0.0);
-                mesh.census.clamped += usize::from(part.clamped);
-                mesh.links.push(nodes);
-                mesh.conductance.push(part.conductance);
+                closing[i] += part.area;
+                closing[j] -= part.area;
+                let nodes = throat.pores.map(|p| mesh.node[p as usize]);
+                nodes.iter().for_each(|&node| mesh.void[node as usize] += 0.5 * part.void);
+                let mut away = [0; 3];
+                if let Some(images) = &mut mesh.images {
+                    away = between(throat.shift, images.frame[i], images.frame[j]);
+                    let link = mesh.links.len() as u32;
+                    if away != [0; 3] {
+                        images.crossings.push((link, packing.cell.shift(away)));
+                    }
+                    images.add_wall_drag(throat.vertices, part.force, away);
+                    let points = order.map(|m| packing.point(&mesh.triangulation, i, m));
+                    let points = points.map(|x| x.unwrap_or(part.centroid) - packing.cell.origin);
+                    let both = images::stretch(part.force, points, packing.cell.shift(throat.shift));
+                    images.stretch[i] += both[0];
+                    images.stretch[j] += both[1];
+                }
+                // A node beside its own image has a link to itself.
+                if nodes[0] != nodes[1] || away != [0; 3] {
+                    mesh.census.closed += usize::from(part.conductance == 0.0);
+                    mesh.census.clamped += usize::from(part.clamped);
+                    mesh.links.push(nodes);
+                    mesh.conductance.push(part.conductance);
+                }
             }
         }
+        mesh.centre = centres.point;
         mesh.add_wall_faces(&closing);
         for (pore, &node) in mesh.node.iter().enumerate() {
             let known = mesh.holds.last().is_some_and(|hold| node <= hold.0); // of pores in one node the first rules
@@ -459,15 +448,37 @@ struct Part {
     conductance: f64,
     clamped: bool,
     void: f64,
-    coincide: bool,
     force: [DVec3; 3],
     torque: [DVec3; 3],
     area: DVec3,
     centroid: DVec3,
 }
 
-fn shape_area(shape: &Shape) -> DVec3 {
-    shape.area * shape.normal
+impl Part {
+    fn of(
+        throat: &Throat,
+        packing: Packing,
+        triangulation: &Triangulation,
+        centres: &Centres,
+        walls: &Walls,
+        conductance: Conductance,
+        viscosity: f64,
+    ) -> Part {
+        let shape = shape(packing, triangulation, centres, throat);
+        let passage = Passage::new(packing, triangulation, centres, throat, &shape, &walls.slip);
+        let pore = throat.pores[0] as usize;
+        let points = FACET[throat.facet as usize].map(|m| packing.point(triangulation, pore, m));
+        let coupled = coupling(packing, &passage, points, conductance);
+        Part {
+            conductance: conductance.of(&passage, viscosity),
+            clamped: conductance.clamps(&passage),
+            void: shape.void,
+            force: coupled.force,
+            torque: coupled.torque,
+            area: shape.area * shape.normal,
+            centroid: shape.centroid,
+        }
+    }
 }
 
 fn mean_radius(packing: Packing, vertices: [u32; 3]) -> f64 {
