@@ -148,37 +148,51 @@ impl Share<'_> {
     /// Springs and friction, one law for all, in the widest vectors of the machine.
     fn run_plain<L: ContactLaw>(self, law: &L, surroundings: &Surroundings, last: f64) {
         #[cfg(target_arch = "x86_64")]
+        let bare = !self.stressed && surroundings.walls.is_empty();
+        #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has what the function was compiled for.
-            return unsafe { self.run_plain_avx2(law, surroundings, last) };
+            return unsafe {
+                if bare {
+                    self.run_plain_avx2::<L, false>(law, surroundings, last)
+                } else {
+                    self.run_plain_avx2::<L, true>(law, surroundings, last)
+                }
+            };
         }
-        self.run_lanes(law, surroundings, last);
+        self.run_lanes::<L, true>(law, surroundings, last);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn run_plain_avx2<L: ContactLaw>(self, law: &L, surroundings: &Surroundings, last: f64) {
-        self.run_lanes(law, surroundings, last);
+    fn run_plain_avx2<L: ContactLaw, const MORE: bool>(
+        self,
+        law: &L,
+        surroundings: &Surroundings,
+        last: f64,
+    ) {
+        self.run_lanes::<L, MORE>(law, surroundings, last);
     }
 
+    /// `MORE`: there may be walls that the case adds, or the virial is asked for.
     #[inline(always)]
-    fn run_lanes<L: ContactLaw>(mut self, law: &L, surroundings: &Surroundings, last: f64) {
+    fn run_lanes<L: ContactLaw, const MORE: bool>(mut self, law: &L, surroundings: &Surroundings, last: f64) {
         self.begin();
         let mut batch = Batch::new();
         for start in (0..self.pairs.len()).step_by(BATCH) {
             let end = (start + BATCH).min(self.pairs.len());
             for k in start..end {
-                batch.put(k - start, &surroundings.near(self.pairs[k]), self.shear[k]);
+                batch.put(k - start, &surroundings.near_with::<MORE>(self.pairs[k]), self.shear[k]);
             }
             batch.compute(law, last);
             for k in start..end {
                 let lane = batch.lane(k - start);
                 if lane.overlap > 0.0 {
                     self.shear[k] = lane.shear;
-                    if self.stressed {
+                    if MORE && self.stressed {
                         self.strain(self.pairs[k], lane.force, lane.levers, batch.branch(k - start));
                     }
-                    self.give(self.pairs[k], lane.force, lane.turning, lane.levers, DVec3::ZERO);
+                    self.give::<MORE>(self.pairs[k], lane.force, lane.turning, lane.levers, DVec3::ZERO);
                 } else {
                     self.part(k);
                 }
@@ -203,7 +217,7 @@ impl Share<'_> {
             if self.stressed {
                 self.strain(self.pairs[k], load.force, touch.levers(), touch.normal);
             }
-            self.give(self.pairs[k], load.force, turning, touch.levers(), load.moment);
+            self.give::<true>(self.pairs[k], load.force, turning, touch.levers(), load.moment);
         }
     }
 
@@ -238,7 +252,14 @@ impl Share<'_> {
     /// Adds a force and a moment to the first of the pair and the opposite to the second; `turning`, `n x F`, times a lever
     /// is a torque of the same sense on both.
     #[inline(always)]
-    fn give(&mut self, pair: [u32; 2], force: DVec3, turning: DVec3, levers: [f64; 2], moment: DVec3) {
+    fn give<const MORE: bool>(
+        &mut self,
+        pair: [u32; 2],
+        force: DVec3,
+        turning: DVec3,
+        levers: [f64; 2],
+        moment: DVec3,
+    ) {
         let offset = self.first_block * BLOCK;
         let i = pair[0] as usize - offset;
         self.force[i] += force;
@@ -246,6 +267,7 @@ impl Share<'_> {
         if let Some(face) = wall(pair[1]) {
             match self.blocks[0].wall.get_mut(face) {
                 Some(on) => *on -= force,
+                None if !MORE => unreachable!("a pair with a wall that the case has not"),
                 None => self.put_aside(pair, force, levers[0] * turning + moment),
             }
             return;

@@ -187,7 +187,14 @@ impl<'a> Surroundings<'a> {
 
     /// What is gathered of a pair; friction as if there were one law for all.
     #[inline(always)]
-    pub fn near(&self, [first, second]: [u32; 2]) -> Near {
+    pub fn near(&self, pair: [u32; 2]) -> Near {
+        self.near_with::<true>(pair)
+    }
+
+    /// The same; where no pair can be with part of a wall that the case adds (`PARTS` is false) the way there is left out,
+    /// for its mere presence keeps the compiler from holding the others in registers.
+    #[inline(always)]
+    pub fn near_with<const PARTS: bool>(&self, [first, second]: [u32; 2]) -> Near {
         let (i, grains) = (first as usize, self.grains);
         let radius = grains.radius[i];
         match wall(second) {
@@ -213,12 +220,7 @@ impl<'a> Surroundings<'a> {
                     mass: grains.mass[i] * grains.mass[j] / (grains.mass[i] + grains.mass[j]),
                 }
             }
-            Some(6..) => {
-                // Taken apart: a result written through a pointer would keep that of every other pair in memory as well.
-                let Near { branch, reach, radius, velocity, spin, friction, mass } =
-                    self.near_part(i, second);
-                Near { branch, reach, radius, velocity, spin, friction, mass }
-            }
+            Some(6..) if PARTS => self.near_part(i, second),
             Some(face) => {
                 let plane = &self.faces[face];
                 let outward = if face % 2 == 0 { -1.0 } else { 1.0 };
