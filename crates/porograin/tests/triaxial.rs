@@ -58,17 +58,18 @@ const POROSITY: usize = 3;
 #[test]
 fn dense_peaks_and_dilates_loose_contracts_and_both_end_in_one_state() {
     let (dense, loose) = (Test::run("case.toml", &[]), Test::run("loose.toml", &[]));
+    // Expected are the means of three samples (seeds 1 to 3) of the dense kind; what is allowed is their scatter.
     close(dense.porosity, 0.400, 0.001, "porosity of the dense sample");
     close(loose.porosity, 0.447, 0.003, "porosity of the loose sample");
-    close(dense.mean(0.03, 0.05, DEVIATOR), 91e3, 4e3, "peak of the dense sample");
+    close(dense.mean(0.03, 0.05, DEVIATOR), 96e3, 5e3, "peak of the dense sample");
     close(loose.mean(0.03, 0.05, DEVIATOR), 44e3, 6e3, "deviator of the loose sample at the same strain");
     close(dense.contraction(), 0.011, 0.003, "contraction of the dense sample");
-    close(dense.mean(0.2, 0.28, VOLUME), -0.066, 0.006, "dilation of the dense sample");
+    close(dense.mean(0.2, 0.28, VOLUME), -0.065, 0.008, "dilation of the dense sample");
     close(loose.mean(0.2, 0.28, VOLUME), 0.015, 0.006, "contraction of the loose sample");
     let [a, b] = [&dense, &loose].map(|test| test.mean(0.2, 0.28, DEVIATOR));
-    close(a, 54e3, 6e3, "critical deviator of the dense sample");
+    close(a, 57e3, 7e3, "critical deviator of the dense sample");
     close(b, 54e3, 6e3, "critical deviator of the loose sample");
-    close(dense.mean(0.2, 0.28, POROSITY), 0.437, 0.004, "critical porosity of the dense sample");
+    close(dense.mean(0.2, 0.28, POROSITY), 0.437, 0.005, "critical porosity of the dense sample");
     close(loose.mean(0.2, 0.28, POROSITY), 0.438, 0.004, "critical porosity of the loose sample");
 }
 
