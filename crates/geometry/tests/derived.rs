@@ -289,3 +289,28 @@ fn volume_derivatives_are_those_of_the_volumes() {
         assert!((0..=walls).all(|k| kinds[k] > 0), "{kinds:?}");
     }
 }
+
+#[test]
+fn two_threads_give_the_bits_of_one() {
+    let mut dice = Dice(35);
+    for cell in cells() {
+        let (x, r) = cloud(&mut dice, &cell, 3000);
+        let middle = cell.origin + cell.edges * DVec3::splat(0.5);
+        // Towards the middle, so that no grain leaves the cell.
+        let moved: Vec<DVec3> = x.iter().map(|&x| x + 0.004 * dice.unit() * (middle - x)).collect();
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let packing = Packing { cell: &cell, position: &x, radius: &r };
+                let mut t = Triangulation::new(&cell, &x, &r).unwrap();
+                let centres = radical_centres(packing, &t);
+                let all = shapes(packing, &t, &centres, &throats(&t), |_, s| {
+                    [s.void, s.surface[0], s.surface[1], s.surface[2]].map(f64::to_bits)
+                });
+                t.repair(&cell, &moved, &r).unwrap();
+                (all, t)
+            })
+        };
+        assert!(run(1) == run(2));
+    }
+}
