@@ -278,7 +278,7 @@ impl Case {
     fn wall_motion(&self, path: &str, motion: &Motion) -> Result<(), CaseError> {
         let direction = |key: &str, v: &[f64; 3]| match DVec3::from_array(*v).try_normalize() {
             Some(_) => Ok(()),
-            None => self.refuse(&format!("{path}.{key}"), "this is no direction: it is zero"),
+            None => self.refuse(&format!("{path}.{key}"), format!("`{key}` has no direction: it is zero")),
         };
         match motion {
             Motion::Fixed => Ok(()),

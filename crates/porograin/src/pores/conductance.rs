@@ -6,7 +6,7 @@ use porograin_geometry::cell::NORMALS;
 use porograin_geometry::throat::{Centres, Packing, Shape, Throat};
 use porograin_geometry::triangulation::{FACET, Triangulation, Vertex, wall};
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{self, Deserializer, MapAccess, Visitor};
+use serde::de::{self, Deserializer, IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 use std::f64::consts::PI;
 use std::fmt;
@@ -111,15 +111,20 @@ pub fn read<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Conductance, D
             #[serde(rename_all = "kebab-case")]
             enum WithFactor {
                 HydraulicRadius(Factor),
+                EffectiveRadius(IgnoredAny),
+                LocalDrag(IgnoredAny),
             }
             #[derive(Deserialize)]
             #[serde(deny_unknown_fields)]
             struct Factor {
                 alpha: f64,
             }
-            let WithFactor::HydraulicRadius(Factor { alpha }) =
-                WithFactor::deserialize(MapAccessDeserializer::new(map))?;
-            Ok(Conductance::HydraulicRadius { alpha })
+            match WithFactor::deserialize(MapAccessDeserializer::new(map))? {
+                WithFactor::HydraulicRadius(Factor { alpha }) => Ok(Conductance::HydraulicRadius { alpha }),
+                WithFactor::EffectiveRadius(_) | WithFactor::LocalDrag(_) => {
+                    Err(de::Error::custom("only `hydraulic-radius` has a table: write this name alone"))
+                }
+            }
         }
     }
     const NAMES: [&str; 3] = [CONDUCTANCES[0].0, CONDUCTANCES[1].0, CONDUCTANCES[2].0];
