@@ -1,14 +1,14 @@
 //! Viscous shear between neighbouring grains: balances, invariances, dissipation, and the step it allows.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use porograin::boundary::{Face, Slip};
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::pores::mesh::Walls;
 use porograin::pores::shear::{self, Film};
 use porograin::pores::{Pores, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Loads, Model, State, TimeStep, Work, measure, step};
-use porograin_geometry::Triangulation;
 use porograin_geometry::throat::{Packing, radical_centres};
+use porograin_geometry::{Cell, Triangulation};
 
 struct Random(u64);
 
@@ -225,4 +225,31 @@ fn shear_limits_implicit_steps_too() {
     assert_eq!(dt(50.0, false), dt(500.0, false));
     let (thick, thicker) = (dt(50.0, true), dt(500.0, true));
     assert!(thicker < 0.2 * thick && thick < dt(50.0, false), "{thick:e} {thicker:e}");
+}
+
+#[test]
+fn in_a_sheared_cell_it_does_not_matter_by_which_image_a_grain_is_named() {
+    let mut random = Random(12);
+    let cell = Cell::periodic(DVec3::ZERO, DMat3::from_diagonal(DVec3::splat(5.0)));
+    let mut domain = Domain::of(cell);
+    domain.gradient = DMat3::from_cols(DVec3::ZERO, DVec3::ZERO, DVec3::new(0.7, 0.2, 0.0));
+    let place = |i: usize| DVec3::new((i % 5) as f64, (i / 5 % 5) as f64, (i / 25) as f64) + 0.5;
+    let x = (0..125).map(|i| place(i) + 0.2 * random.vector()).collect();
+    let mut grains = Grains::at_rest(x, vec![0.35; 125], 1.0);
+    for i in 0..125 {
+        grains.velocity[i] = random.vector();
+        grains.spin[i] = random.vector();
+    }
+    let found = loads(&films(&grains, &domain, Slip::Symmetry, 1.0), &grains, &domain);
+    for i in (0..125).step_by(3) {
+        let shift = domain.cell.shift([(i % 2) as i8, -1, 1]);
+        grains.position[i] += shift;
+        grains.velocity[i] += domain.gradient * shift;
+    }
+    let by_images = loads(&films(&grains, &domain, Slip::Symmetry, 1.0), &grains, &domain);
+    let largest = found.force.iter().map(|f| f.length()).fold(0.0, f64::max);
+    for (a, b) in found.force.iter().chain(&found.torque).zip(by_images.force.iter().chain(&by_images.torque))
+    {
+        assert!((*a - *b).length() < 1e-11 * largest, "{a} {b}");
+    }
 }
