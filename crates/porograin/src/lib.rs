@@ -13,6 +13,7 @@ pub mod expression;
 pub mod fluid;
 pub mod grains;
 pub mod gravity;
+pub mod growth;
 pub mod import;
 pub mod ledger;
 pub mod measure;

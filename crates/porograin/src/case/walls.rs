@@ -405,21 +405,12 @@ impl Case {
 
     /// No grain may be on the wrong side of a wall, or deep in one.
     pub(super) fn clear_of_walls(&self, grains: &Grains) -> Result<(), CaseError> {
-        let (mut near, mut feet) = (Vec::new(), Vec::new());
         let walls = self.walls_in(0);
         for (k, wall) in walls.iter().enumerate().filter(|(_, wall)| wall.present) {
             for (i, (&x, &radius)) in grains.position.iter().zip(&grains.radius).enumerate() {
-                near.clear();
-                feet.clear();
-                if !wall.shape.near(x, radius, &mut near) {
-                    continue;
-                }
-                wall.shape.feet(x, &near, &mut feet);
-                let depth = |&part: &u32| radius - wall.shape.foot(part, x).branch.length();
-                let deepest = feet.iter().map(depth).fold(f64::NEG_INFINITY, f64::max);
                 let what = if wall.shape.beyond(x).is_some_and(|by| by > 0.0) {
                     "lies beyond"
-                } else if deepest > 0.5 * radius {
+                } else if wall.shape.depth(x, radius).is_some_and(|depth| depth > 0.5 * radius) {
                     "lies deep in"
                 } else {
                     continue;

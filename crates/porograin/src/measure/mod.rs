@@ -13,7 +13,7 @@ pub use local::{Local, displacement, local, places, strain_deviator};
 pub use microstructure::{
     PASSING, compression, coordination, diameter, fabric, oedometric_modulus, porosity, rattlers, settlement,
 };
-pub use stress::{contact_stress, grain_stress, invariants, wall_stress};
+pub use stress::{contact_stress, grain_stress, invariants, mean_stress, wall_stress};
 
 use crate::contact::{ContactLaw, Surroundings, Touch};
 use crate::model::Model;

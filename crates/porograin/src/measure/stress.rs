@@ -22,6 +22,11 @@ pub fn contact_stress(state: &State, model: &Model) -> DMat3 {
     sum * state.domain.cell.volume().recip()
 }
 
+/// Mean stress carried by the contacts, a third of the trace [Pa].
+pub fn mean_stress(state: &State, model: &Model) -> f64 {
+    invariants(contact_stress(state, model))[0]
+}
+
 /// Normal stress on each face [Pa] from the forces of the last step, grains and water together.
 pub fn wall_stress(domain: &Domain) -> [f64; 6] {
     std::array::from_fn(|face| domain.wall_force[face].dot(NORMALS[face]) / domain.area(face))

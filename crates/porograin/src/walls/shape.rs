@@ -169,6 +169,17 @@ impl Shape {
         }
     }
 
+    /// How deep a grain is in the wall at most [m]; `None` where it does not touch.
+    pub fn depth(&self, centre: DVec3, radius: f64) -> Option<f64> {
+        let (mut near, mut feet) = (Vec::new(), Vec::new());
+        if !self.near(centre, radius, &mut near) {
+            return None;
+        }
+        self.feet(centre, &near, &mut feet);
+        let depth = |part: u32| radius - self.foot(part, centre).branch.length();
+        feet.into_iter().map(depth).filter(|&depth| depth > 0.0).reduce(f64::max)
+    }
+
     /// Area across a direction [m²] of what is flat and has an end; of a parallelogram or a disc.
     pub fn area_across(&self, direction: DVec3) -> Option<f64> {
         let area = match self {

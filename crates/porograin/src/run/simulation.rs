@@ -1,0 +1,378 @@
+//! A case being run: one step after the other, stage after stage. It touches no file.
+
+use crate::boundary::{FACE_NAMES, Solid};
+use crate::budget::{Cause, Unbalanced};
+use crate::case::{Case, CaseError, Plan, Stage, Until, at};
+use crate::cell::COMPONENTS;
+use crate::consolidation::{Consolidation, ConsolidationError};
+use crate::ledger::{Before, Ledger};
+use crate::measure;
+use crate::model::Model;
+use crate::packing::Grading;
+use crate::progress::{Began, Done, Progress};
+use crate::stability;
+use crate::state::State;
+use crate::step::{Report, StepError, Work, step};
+use crate::trouble::{self, Action, Trouble};
+use crate::walls::motion;
+use crate::watch::Measure;
+use std::fmt;
+
+/// Steps between two looks at the conditions of a stage that cost a pass over all contacts.
+const LOOK_EVERY: u64 = 50;
+
+/// A case being run: the state, and where in the case it stands. It touches no file.
+#[derive(Debug)]
+pub struct Simulation {
+    /// The state now.
+    pub state: State,
+    /// Where in the case it stands.
+    pub progress: Progress,
+    pub(super) stages: Vec<Stage>,
+    pub(super) model: Model,
+    /// The sizes that were asked for.
+    pub(super) grading: Option<Grading>,
+    /// How the stage of the last step began.
+    pub(super) began: Began,
+    pub(super) work: Work,
+    /// What the last step had to be told of.
+    pub(super) news: Vec<Trouble>,
+}
+
+/// What a call to [`Simulation::advance`] did.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// A step, and the stage goes on.
+    Step(Report),
+    /// The last step of a stage.
+    StageEnd(Report),
+}
+
+/// Why a run stopped.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RunError {
+    /// A step could not be done.
+    Step {
+        /// Name of the stage.
+        stage: String,
+        /// What happened.
+        error: StepError,
+    },
+    /// There was a sign of trouble at which the case asks to stop.
+    Trouble {
+        /// Name of the stage.
+        stage: String,
+        /// What it was.
+        trouble: Trouble,
+    },
+    /// A stage cannot be compared with Terzaghi's theory.
+    Consolidation {
+        /// Name of the stage.
+        stage: String,
+        /// What happened.
+        error: ConsolidationError,
+    },
+    /// The water does not balance any more.
+    Budget {
+        /// Name of the stage.
+        stage: String,
+        /// What is off.
+        error: Unbalanced,
+    },
+    /// A stage did not reach its end in time.
+    Endless {
+        /// Name of the stage.
+        stage: String,
+        /// What it waited for and where it stands.
+        why: String,
+    },
+    /// A file could not be written.
+    File {
+        /// Its path.
+        path: String,
+        /// The reason.
+        reason: String,
+    },
+}
+
+impl fmt::Display for RunError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RunError::Step { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Trouble { stage, trouble } => write!(f, "in the stage `{stage}`, {trouble}"),
+            RunError::Consolidation { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Budget { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Endless { stage, why } => {
+                write!(f, "the stage `{stage}` did not come to its end: {why}")
+            }
+            RunError::File { path, reason } => write!(f, "cannot write {path}: {reason}"),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}
+
+impl Simulation {
+    /// A simulation at the beginning of a case.
+    ///
+    /// # Errors
+    /// When the grains of the case cannot be made.
+    pub fn new(case: &Case) -> Result<Self, CaseError> {
+        let Plan { state, stages } = case.plan()?;
+        let ledger = case.watches(Measure::EnergyBudget).then(Ledger::default);
+        Ok(Self::at(case, state, Progress { ledger, ..Progress::default() }, stages))
+    }
+
+    /// A simulation that goes on where `state` and `progress` left off.
+    pub fn resume(case: &Case, state: State, progress: Progress) -> Self {
+        Self::at(case, state, progress, case.stages())
+    }
+
+    fn at(case: &Case, state: State, progress: Progress, stages: Vec<Stage>) -> Self {
+        let model = stages[progress.stage.min(stages.len() - 1)].model.clone();
+        let began = progress.began.unwrap_or_default();
+        let mut model = Model { stage_start: began.time, ..model };
+        model.contact.scale_friction(progress.compaction.friction);
+        let grading = case.grading();
+        Simulation { state, progress, stages, model, grading, began, work: Work::default(), news: Vec::new() }
+    }
+
+    /// The stage that is going on; `None` when all are done.
+    pub fn stage(&self) -> Option<&Stage> {
+        self.stages.get(self.progress.stage)
+    }
+
+    /// All stages.
+    pub fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+
+    /// Mean excess pressure at 13 heights from bottom to top [Pa], after a step with water.
+    pub fn profile(&self) -> Option<[f64; 13]> {
+        self.work.fluid.profile(&self.state, 2)
+    }
+
+    /// What the current stage reads.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The signs of trouble that the last step was the first of its stage to show.
+    pub fn news(&self) -> &[Trouble] {
+        &self.news
+    }
+
+    /// Scratch of the last step: loads, timers.
+    pub fn work(&self) -> &Work {
+        &self.work
+    }
+
+    /// Does one step; `None` when all stages are done.
+    ///
+    /// # Errors
+    /// When the step cannot be done, or the stage passes its `max-time` or `max-steps`.
+    pub fn advance(&mut self) -> Result<Option<Event>, RunError> {
+        let Some(stage) = self.stages.get(self.progress.stage) else { return Ok(None) };
+        let began = match self.progress.began {
+            Some(began) => began,
+            None => {
+                let State { time, step, domain, .. } = &self.state;
+                let (top, edges) = (domain.cell.wall_position(5), domain.cell.edges);
+                let began = Began { time: *time, step: *step, top, edges };
+                self.model = Model { stage_start: began.time, ..stage.model.clone() };
+                // Timers are those of the stage; the rest of the scratch is found again by the first step.
+                self.work = Work::default();
+                if self.model.fluid.is_none() {
+                    self.state.fluid = None;
+                }
+                if stage.consolidation {
+                    let consolidation = Consolidation::begin(&self.state, &self.model)
+                        .map_err(|error| RunError::Consolidation { stage: stage.name.clone(), error })?;
+                    self.progress.consolidation = Some(consolidation);
+                }
+                self.progress.began = Some(began);
+                self.progress.told = Default::default();
+                self.progress.compaction = Default::default();
+                self.progress.places = measure::places(&self.state);
+                self.progress.ledger = self.progress.ledger.map(|_| Ledger::default());
+                self.began = began;
+                began
+            }
+        };
+        self.model.gravity = at(&stage.gravity, self.state.time - self.model.stage_start);
+        let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
+        let before = self.progress.ledger.and_then(|_| Before::of(&self.state, &self.model));
+        let report = match step(&mut self.state, &self.model, &mut self.work) {
+            Err(StepError::Outside { trouble, report }) => {
+                found.push(trouble);
+                *report
+            }
+            other => other.map_err(|error| RunError::Step { stage: stage.name.clone(), error })?,
+        };
+        if let (Some(before), Some(ledger)) = (before, &mut self.progress.ledger) {
+            ledger.add(&before, &self.state, &self.model, &self.work.loads);
+        }
+        if due {
+            trouble::look(&self.state, &self.model, &mut found);
+        }
+        if let (Some(water), Some(mesh)) = (&report.water, self.work.fluid.mesh()) {
+            let new = self.state.pores().is_some_and(|water| water.made_at_step + 1 == self.state.step);
+            let cause = match report.remeshed {
+                Some(_) => Cause::Strain(self.work.fluid.repair()),
+                None => Cause::Rules,
+            };
+            self.progress
+                .budget
+                .add(water, mesh, new.then_some(cause), report.dt)
+                .map_err(|error| RunError::Budget { stage: stage.name.clone(), error })?;
+        }
+        if stage.consolidation
+            && let Some(consolidation) = &mut self.progress.consolidation
+        {
+            consolidation.watch(&self.state, &self.work.fluid);
+        }
+        let ended = self.ended(stage, began)?;
+        let friction = self.progress.compaction.friction;
+        if let Some(rule) = &stage.compact
+            && self.looks()
+        {
+            let rests = self.conditions(&stage.until).hold;
+            self.progress.compaction.look(rule, measure::porosity(&self.state), rests);
+        }
+        if self.progress.compaction.friction != friction {
+            self.model.contact = stage.model.contact.clone();
+            self.model.contact.scale_friction(self.progress.compaction.friction);
+        }
+        if ended.is_some() {
+            trouble::servos(&self.state, &self.model, &mut found);
+        }
+        self.news.clear();
+        for trouble in found {
+            match trouble.action(&stage.on) {
+                Action::Stop => return Err(RunError::Trouble { stage: stage.name.clone(), trouble }),
+                Action::Warn if !self.progress.told[trouble.kind()] => {
+                    self.progress.told[trouble.kind()] = true;
+                    self.news.push(trouble);
+                }
+                Action::Warn | Action::Ignore => {}
+            }
+        }
+        let Some(ended) = ended else { return Ok(Some(Event::Step(report))) };
+        self.progress.done.push(Done {
+            name: stage.name.clone(),
+            steps: self.state.step - began.step,
+            time: self.state.time - began.time,
+            ended,
+        });
+        self.progress.stage += 1;
+        self.progress.began = None;
+        Ok(Some(Event::StageEnd(report)))
+    }
+
+    /// What ended the stage, if it is at its end.
+    fn ended(&self, stage: &Stage, began: Began) -> Result<Option<String>, RunError> {
+        let until = &stage.until;
+        let (steps, time) = (self.state.step - began.step, self.state.time - began.time);
+        if until.time.is_some_and(|end| time >= end) {
+            return Ok(Some("time".into()));
+        }
+        if until.steps.is_some_and(|end| steps >= end) {
+            return Ok(Some("steps".into()));
+        }
+        if !until.waits() {
+            return Ok(None);
+        }
+        let last =
+            until.max_steps.is_some_and(|end| steps >= end) || until.max_time.is_some_and(|end| time >= end);
+        let last = last || self.progress.compaction.is_stuck();
+        if !last && !self.looks() {
+            return Ok(None);
+        }
+        let Conditions { unbalanced, stress, hold } = self.conditions(until);
+        let dense = stage.compact.is_none() || self.progress.compaction.reached;
+        if hold && dense {
+            return Ok(Some("conditions".into()));
+        }
+        if !last {
+            return Ok(None);
+        }
+        let mut why = Vec::new();
+        if let Some((value, limit)) = unbalanced.zip(until.unbalanced) {
+            why.push(format!("unbalanced is {value:.3e}, asked {limit:e}"));
+        }
+        if let Some(((value, what), limit)) = stress.zip(until.stress_error) {
+            why.push(format!("the stress {what} is off by {value:.3e}, asked {limit:e}"));
+        }
+        if let Some(rule) = stage.compact.as_ref().filter(|_| !dense) {
+            why.push(format!(
+                "the porosity is {:.4}, asked {}, with the friction between grains down to {:.2e} of the stage's",
+                measure::porosity(&self.state),
+                rule.porosity,
+                self.progress.compaction.friction
+            ));
+        }
+        let why = format!("after {steps} steps and {time:.4e} s {}", why.join(" and "));
+        Err(RunError::Endless { stage: stage.name.clone(), why })
+    }
+
+    /// Whether this step is one of those that look at conditions.
+    fn looks(&self) -> bool {
+        self.state.step.is_multiple_of(LOOK_EVERY)
+    }
+
+    /// What the stage waits for, as it is now.
+    pub(super) fn conditions(&self, until: &Until) -> Conditions {
+        let unbalanced =
+            until.unbalanced.map(|_| measure::unbalanced(&self.state, &self.model, &self.work.loads));
+        let stress = until.stress_error.map(|_| self.stress_error());
+        let below = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_none_or(|(v, l)| v <= l);
+        let hold =
+            below(unbalanced, until.unbalanced) && below(stress.as_ref().map(|s| s.0), until.stress_error);
+        Conditions { unbalanced, stress, hold }
+    }
+
+    /// The largest relative distance of a servo wall, or of a held stress of the cell, from its stress, and its name.
+    fn stress_error(&self) -> (f64, String) {
+        let t = self.state.time - self.model.stage_start;
+        let mut worst = (0.0, String::new());
+        let mut compare = |found: f64, asked: f64, name: &dyn Fn() -> String| {
+            let error = (found - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
+            if error > worst.0 {
+                worst = (error, name());
+            }
+        };
+        let stresses = measure::wall_stress(&self.state.domain);
+        for (k, face) in self.model.faces.iter().enumerate() {
+            if let Solid::Servo { stress, .. } = &face.solid {
+                compare(stresses[k], stress.at(t), &|| format!("on the {} wall", FACE_NAMES[k]));
+            }
+        }
+        for (wall, place) in self.model.walls.iter().zip(&self.state.domain.walls) {
+            if let (Some(asked), Some((_, along))) =
+                (motion::asked(wall, t), motion::servoed(wall, &self.state))
+            {
+                compare(-place.force.dot(along), asked, &|| format!("on the wall `{}`", wall.name));
+            }
+        }
+        let mut held = self.model.cell.stress.given().peekable();
+        if held.peek().is_some() {
+            let water = self.work.loads.cell * self.state.domain.cell.volume().recip();
+            let stress = measure::contact_stress(&self.state, &self.model) + water;
+            for (row, column, signal) in held {
+                let name = || format!("{} of the cell", COMPONENTS[3 * row + column]);
+                compare(stress.col(column)[row], signal.at(t), &name);
+            }
+        }
+        worst
+    }
+}
+
+/// What a stage waits for, as it stands.
+pub(super) struct Conditions {
+    pub(super) unbalanced: Option<f64>,
+    /// The largest distance from an asked stress, and where.
+    pub(super) stress: Option<(f64, String)>,
+    /// Whether all hold.
+    pub(super) hold: bool,
+}
+
