@@ -131,6 +131,14 @@ fn report(folder: &Folder) {
                 reached.coordination,
                 reached.rattlers
             );
+            let [d10, _, d50, _, d90] = reached.diameters;
+            say!("{:>12}  by mass 10, 50 and 90 % finer than {d10:.3e}, {d50:.3e} and {d90:.3e} m", "");
+            if let Some((count, mass)) = reached.fallen.zip(reached.fallen_mass) {
+                say!("{:>12}  {count} grains have fallen, {mass:.3e} kg", "");
+            }
+            if let Some(grown) = reached.grown {
+                say!("{:>12}  all radii have grown by the factor {grown:.6}", "");
+            }
         }
         if stage.free_level {
             say!("              no pressure is given anywhere: pressures count from their mean");

@@ -10,6 +10,7 @@ mod grains;
 mod implied;
 mod material;
 mod periodic;
+mod prepare;
 mod source;
 mod stage;
 mod walls;
@@ -135,13 +136,16 @@ pub enum Packing {
     Lattice(Lattice),
     /// Grains of a CSV file `x,y,z,r`, lines starting with `#` ignored.
     File(String),
+    /// No grain: the first stage lets some fall.
+    Empty,
 }
 
 /// Names of the packings as case files spell them, and what they are.
-pub const PACKINGS: [(&str, &str); 3] = [
+pub const PACKINGS: [(&str, &str); 4] = [
     ("cloud", "grains thrown at random into the box, not touching"),
     ("lattice", "equal grains on a simple cubic lattice, or in an arrangement of touching spheres"),
     ("file", "grains of a CSV file x,y,z,r"),
+    ("empty", "no grain: the first stage lets some fall"),
 ];
 
 /// Grains thrown at random into the box. Of `count`, `porosity` and the sizes two are given; the third follows.

@@ -15,6 +15,8 @@ use serde::Deserialize;
 
 /// The part of `(target - p)/K` by which the radii follow a stress each time.
 const GAIN: f64 = 0.3;
+/// Radii never change by more than this part of themselves at once, so that grains can give way before they are pressed hard.
+const MOST: f64 = 1e-3;
 
 /// What a stage is to grow its grains to: one of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -24,7 +26,7 @@ pub struct Grow {
     pub porosity: Option<f64>,
     /// Mean stress carried by the contacts that they keep up [Pa].
     pub stress: Option<f64>,
-    /// The radii change no faster than by this part of themselves [1/s].
+    /// The radii change no faster than by this part of themselves [1/s], nor by more than a thousandth at once.
     pub rate: f64,
 }
 
@@ -40,7 +42,7 @@ impl Grow {
         if !state.step.is_multiple_of(RENEW_EVERY) || state.grains.is_empty() {
             return 1.0;
         }
-        let most = self.rate * state.dt * RENEW_EVERY as f64;
+        let most = (self.rate * state.dt * RENEW_EVERY as f64).min(MOST);
         let factor = match (self.porosity, self.stress) {
             (Some(porosity), _) if !self.is_dense(state) => {
                 let left = ((1.0 - porosity) / (1.0 - measure::porosity(state))).cbrt();
@@ -68,5 +70,5 @@ fn stiffness(state: &State, model: &Model) -> f64 {
         let length = if wall(pair[1]).is_some() { near } else { near + far };
         around.law(pair).stiffness(&touch).normal * length * length
     };
-    state.contacts.pairs.iter().map(of).sum::<f64>() / (3.0 * state.domain.cell.volume())
+    state.contacts.pairs.iter().map(of).fold(0.0, |sum, own| sum + own) / (3.0 * state.domain.cell.volume())
 }

@@ -25,6 +25,7 @@ pub mod packing;
 pub mod permeability;
 pub mod pores;
 pub mod progress;
+pub mod rain;
 pub mod run;
 pub mod stability;
 pub mod state;

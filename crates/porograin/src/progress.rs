@@ -4,6 +4,7 @@ use crate::budget::Budget;
 use crate::compaction::Compaction;
 use crate::consolidation::Consolidation;
 use crate::ledger::Ledger;
+use crate::rain::Fallen;
 use crate::trouble::KINDS;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,10 @@ pub struct Progress {
     pub places: Vec<DVec3>,
     /// Work and losses of the stage, where the case watches them.
     pub ledger: Option<Ledger>,
+    /// How far the rain of the stage has come.
+    pub fallen: Fallen,
+    /// By how much the stage has grown all radii; `None` where nothing grew.
+    pub grown: Option<f64>,
     /// Which kinds of trouble were told in the stage.
     pub told: [bool; KINDS],
     /// What must balance about the water, over all stages.

@@ -4,7 +4,7 @@
 //! anyway. Those that find no room wait until others have fallen. Everything follows from the number of the step and of the grain,
 //! so that a resumed run gives the same bits.
 
-use crate::grains::Grains;
+use crate::grains::{Grains, sphere_volume};
 use crate::model::{Model, RENEW_EVERY};
 use crate::packing::Grading;
 use crate::state::State;
@@ -90,6 +90,23 @@ impl Rain {
         self.size((0.5 + GOLDEN * number as f64).fract())
     }
 
+    /// As many grains as it takes, estimated for a bed that is 60 % solid over a box of this base [m²] and floor [m], `density` in
+    /// kg/m³; at rest in one place.
+    pub fn sample(&self, base: f64, floor: f64, density: f64) -> Grains {
+        let mut radii = Vec::new();
+        let (mut volume, mut fallen) = (0.0, Fallen::default());
+        while !self.suffices(&fallen)
+            && self.height.is_none_or(|height| volume < 0.6 * base * (height - floor))
+        {
+            let r = self.size_of(fallen.count);
+            volume += sphere_volume(r);
+            fallen.count += 1;
+            fallen.mass = density * volume;
+            radii.push(r);
+        }
+        Grains::at_rest(vec![DVec3::ZERO; radii.len()], radii, density)
+    }
+
     /// The low and the high corner of where grains appear [m].
     fn region(&self, state: &State) -> [DVec3; 2] {
         let cell = &state.domain.cell;
@@ -112,7 +129,14 @@ impl Rain {
 
     /// Lets the grains fall that are due `t` seconds after the stage began; `kinds` is what they are made of. Returns how
     /// many fell.
-    pub fn fall(&self, state: &mut State, model: &Model, t: f64, fallen: &mut Fallen, kinds: &[Kind]) -> usize {
+    pub fn fall(
+        &self,
+        state: &mut State,
+        model: &Model,
+        t: f64,
+        fallen: &mut Fallen,
+        kinds: &[Kind],
+    ) -> usize {
         if !state.step.is_multiple_of(RENEW_EVERY) {
             return 0;
         }
@@ -136,7 +160,8 @@ impl Rain {
             .filter(|(x, r)| x.z + **r > heights.start && x.z - **r < heights.end)
             .map(|(&x, &r)| (x, r))
             .collect();
-        let mut random = Pcg64::new(u128::from(self.seed) << 64 | u128::from(state.step), 0x5851_f42d_4c95_7f2d);
+        let mut random =
+            Pcg64::new(u128::from(self.seed) << 64 | u128::from(state.step), 0x5851_f42d_4c95_7f2d);
         let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
         let cell = state.domain.cell;
         let (lower, upper) = (cell.origin, cell.upper());
@@ -168,7 +193,8 @@ impl Rain {
 
     /// Whether there are enough by number or mass.
     fn suffices(&self, fallen: &Fallen) -> bool {
-        self.count.is_some_and(|count| fallen.count >= count) || self.mass.is_some_and(|mass| fallen.mass >= mass)
+        self.count.is_some_and(|count| fallen.count >= count)
+            || self.mass.is_some_and(|mass| fallen.mass >= mass)
     }
 }
 

@@ -245,10 +245,15 @@ fn results(simulation: &Simulation, folder: &mut Folder) -> Result<(), RunError>
 fn reached(simulation: &Simulation) -> Reached {
     let Simulation { state, model, progress, .. } = simulation;
     let stress = measure::contact_stress(state, model);
+    let fell = progress.fallen.count > 0;
     Reached {
         porosity: measure::porosity(state),
         coordination: measure::coordination(state),
         friction: (progress.compaction.lowest < 1.0).then_some(progress.compaction.lowest),
+        fallen: fell.then_some(progress.fallen.count),
+        fallen_mass: fell.then_some(progress.fallen.mass),
+        grown: progress.grown,
+        diameters: measure::PASSING.map(|part| measure::diameter(&state.grains, part)),
         rattlers: measure::rattlers(state),
         stress: [stress.x_axis.x, stress.y_axis.y, stress.z_axis.z],
     }

@@ -5,9 +5,11 @@ use crate::boundary::{Domain, Signal};
 use crate::compaction::Compact;
 use crate::contact::{Contacts, Laws};
 use crate::grains::{Grains, Shape};
+use crate::growth::Grow;
 use crate::import;
 use crate::model::Model;
 use crate::packing::{self, Grading};
+use crate::rain::{Kind, Rain};
 use crate::state::State;
 use crate::trouble::On;
 use crate::walls::Place;
@@ -40,6 +42,12 @@ pub struct Stage {
     pub until: Until,
     /// What to do about signs of trouble.
     pub on: On,
+    /// Grains to let fall.
+    pub rain: Option<Rain>,
+    /// What they are made of.
+    pub kinds: Vec<Kind>,
+    /// What to grow the grains to.
+    pub grow: Option<Grow>,
     /// The porosity to compact to.
     pub compact: Option<Compact>,
     /// Whether to compare it with Terzaghi's theory.
@@ -139,6 +147,9 @@ impl Case {
             gravity: self.gravity_of(k),
             until: stage.until.clone(),
             on: stage.on.unwrap_or(self.on),
+            rain: stage.rain.clone(),
+            kinds: self.kinds(),
+            grow: stage.grow,
             compact: stage.compact,
             consolidation: stage.consolidation,
         };
@@ -154,7 +165,7 @@ impl Case {
     pub fn grading(&self) -> Option<Grading> {
         match &self.grains.packing {
             Packing::Cloud(cloud) => Some(cloud.grading()),
-            Packing::Lattice(_) | Packing::File(_) => None,
+            Packing::Lattice(_) | Packing::File(_) | Packing::Empty => None,
         }
     }
 
@@ -189,6 +200,7 @@ impl Case {
                 Ok(Grains::shaped(self.shape(), position, radius, density))
             }
             Packing::Cloud(cloud) => self.make_cloud(cloud),
+            Packing::Empty => Ok(Grains { shape: self.shape(), ..Grains::default() }),
             Packing::File(file) => {
                 let path = self.whereabouts(file);
                 let name = path.display().to_string();

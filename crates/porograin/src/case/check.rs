@@ -148,6 +148,8 @@ impl Case {
                 _ => {}
             }
             self.until(k)?;
+            self.rain(k)?;
+            self.growth(k)?;
             self.sealed(k)?;
             self.glue(k)?;
             self.water_in_periods(k)?;
@@ -197,8 +199,9 @@ impl Case {
         let servo = |face: &crate::boundary::Face| matches!(face.solid, Solid::Servo { .. });
         let model = self.model(k, 0.0);
         let held = model.cell.stress.given().next().is_some();
+        let grows = self.stage[k].grow.is_some_and(|grow| grow.stress.is_some());
         let pushed = model.walls.iter().any(|wall| matches!(wall.motion, Motion::Servo { .. }));
-        if until.stress_error.is_some() && !held && !pushed && !model.faces.iter().any(servo) {
+        if until.stress_error.is_some() && !held && !grows && !pushed && !model.faces.iter().any(servo) {
             return self.refuse(
                 &at("stress-error"),
                 format!("the stage `{name}` waits for the stress of servo walls, but no face has one"),

@@ -15,6 +15,11 @@ impl Case {
             Packing::Cloud(cloud) => self.check_cloud(cloud),
             Packing::Lattice(lattice) => self.check_lattice(lattice),
             Packing::File(_) => Ok(()),
+            Packing::Empty if self.stage.first().is_some_and(|stage| stage.rain.is_none()) => Err(self
+                .source
+                .fault("grains.packing", "the box is empty, and the first stage lets no grain fall")
+                .hint("rain = { count = 500, rate = 1000.0, radius = 1e-3 } in the first stage, say")),
+            Packing::Empty => Ok(()),
         }
     }
 
@@ -23,24 +28,7 @@ impl Case {
         if cloud.count == Some(0) {
             return self.refuse(&at("count"), "a cloud of 0 grains has nothing to simulate");
         }
-        if let Some([lower, upper]) = cloud.within {
-            let (low, high) = self.corners();
-            for axis in 0..3 {
-                let inside =
-                    low[axis] <= lower[axis] && lower[axis] < upper[axis] && upper[axis] <= high[axis];
-                if !inside {
-                    let sentence = format!(
-                        "`within` must be a part of the box: along {} it goes from {} to {} m, the box from {} to {} m",
-                        ["x", "y", "z"][axis],
-                        lower[axis],
-                        upper[axis],
-                        low[axis],
-                        high[axis]
-                    );
-                    return self.refuse(&at("within"), sentence);
-                }
-            }
-        }
+        self.check_within(&at("within"), cloud.within)?;
         self.optional(&at("spread"), cloud.spread, Range::Part)?;
         self.optional(&at("radius"), cloud.radius, Range::Positive)?;
         if let Some(porosity) = cloud.porosity
@@ -83,7 +71,27 @@ impl Case {
         })
     }
 
-    fn check_grading(&self, path: &str, grading: &Grading) -> Result<(), CaseError> {
+    pub(super) fn check_within(&self, path: &str, within: Option<[[f64; 3]; 2]>) -> Result<(), CaseError> {
+        let Some([lower, upper]) = within else { return Ok(()) };
+        let (low, high) = self.corners();
+        for axis in 0..3 {
+            if low[axis] <= lower[axis] && lower[axis] < upper[axis] && upper[axis] <= high[axis] {
+                continue;
+            }
+            let sentence = format!(
+                "`within` must be a part of the box: along {} it goes from {} to {} m, the box from {} to {} m",
+                ["x", "y", "z"][axis],
+                lower[axis],
+                upper[axis],
+                low[axis],
+                high[axis]
+            );
+            return self.refuse(path, sentence);
+        }
+        Ok(())
+    }
+
+    pub(super) fn check_grading(&self, path: &str, grading: &Grading) -> Result<(), CaseError> {
         match grading {
             Grading::Uniform { spread } => {
                 self.number(&format!("{path}.uniform.spread"), *spread, Range::Part)

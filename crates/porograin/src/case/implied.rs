@@ -86,6 +86,11 @@ impl Case {
     /// When the grains cannot be made.
     pub fn implied(&self) -> Result<Implied, CaseError> {
         let Plan { mut state, stages } = self.plan()?;
+        if let (true, Some(rain)) = (state.grains.is_empty(), &stages[0].rain) {
+            // What is going to fall stands for what is there.
+            let [base, floor] = [self.domain.size[0] * self.domain.size[1], self.domain.origin[2]];
+            state.grains = rain.sample(base, floor, self.grains.density);
+        }
         let grains = &state.grains;
         let count = grains.len();
         let mean = grains.radius.iter().sum::<f64>() / count as f64;

@@ -4,6 +4,7 @@ use super::check::Range;
 use super::{Case, CaseError};
 use crate::contact::{Law, PairLaw, WALL};
 use crate::grains::Grains;
+use crate::rain::Kind;
 use serde::Deserialize;
 
 /// What some of the grains are made of.
@@ -68,6 +69,17 @@ impl Case {
             }
             first = end;
         }
+    }
+
+    /// What grains that come in later are made of.
+    pub(super) fn kinds(&self) -> Vec<Kind> {
+        let density = self.grains.density;
+        if self.material.is_empty() {
+            return vec![Kind { part: 1.0, density }];
+        }
+        let of =
+            |material: &Material| Kind { part: material.part, density: material.density.unwrap_or(density) };
+        self.material.values().map(of).collect()
     }
 
     pub(super) fn check_materials(&self) -> Result<(), CaseError> {

@@ -93,6 +93,10 @@ impl Case {
 
     /// A periodic cell must be large enough for a grain to see one image of each neighbour.
     pub(super) fn roomy(&self, cell: &Cell, grains: &Grains) -> Result<(), CaseError> {
+        if grains.is_empty() {
+            // The first that falls is looked at by the step.
+            return Ok(());
+        }
         let Some(period) = Period::of(cell) else { return Ok(()) };
         let mut near = Neighbours::default();
         near.refresh(cell, &grains.position, &grains.radius, 0.0);

@@ -5,8 +5,10 @@ use crate::boundary::Signal;
 use crate::cell::CellRule;
 use crate::compaction::Compact;
 use crate::contact::Law;
+use crate::growth::Grow;
 use crate::membrane::Membrane;
 use crate::model::{Flow, TimeStep};
+use crate::rain::Rain;
 use crate::trouble::On;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
@@ -42,6 +44,10 @@ pub struct StageTable {
     pub time_step: Option<TimeStep>,
     /// `false`: dry. A table: other properties of the water.
     pub fluid: Option<Water>,
+    /// Grains to let fall.
+    pub rain: Option<Rain>,
+    /// What to grow the grains to.
+    pub grow: Option<Grow>,
     /// The porosity to compact to.
     pub compact: Option<Compact>,
     /// Another choice of what to do about signs of trouble.

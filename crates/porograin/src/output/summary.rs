@@ -69,6 +69,18 @@ pub struct Reached {
     /// Where the stage compacted to a porosity: the lowest friction angle on the way, over that of the stage [-].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<f64>,
+    /// How many grains the stage let fall.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fallen: Option<usize>,
+    /// Their mass [kg].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fallen_mass: Option<f64>,
+    /// By how much the stage grew all radii [-].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grown: Option<f64>,
+    /// The grading: diameters that 10, 30, 50, 60 and 90 % of the mass are finer than [m].
+    #[serde(default)]
+    pub diameters: [f64; 5],
     /// Grains that carry nothing.
     pub rattlers: usize,
     /// Stress carried by the contacts along x, y, z [Pa].

@@ -10,6 +10,7 @@ use crate::measure;
 use crate::model::Model;
 use crate::packing::Grading;
 use crate::progress::{Began, Done, Progress};
+use crate::rain::Fallen;
 use crate::stability;
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
@@ -79,6 +80,11 @@ pub enum RunError {
         /// What is off.
         error: Unbalanced,
     },
+    /// The box is empty, and no grain finds room to fall.
+    Empty {
+        /// Name of the stage.
+        stage: String,
+    },
     /// A stage did not reach its end in time.
     Endless {
         /// Name of the stage.
@@ -102,6 +108,11 @@ impl fmt::Display for RunError {
             RunError::Trouble { stage, trouble } => write!(f, "in the stage `{stage}`, {trouble}"),
             RunError::Consolidation { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
             RunError::Budget { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Empty { stage } => write!(
+                f,
+                "in the stage `{stage}`, no grain finds room to fall: the place where they appear is too small for the first, or \
+                 walls are in the way"
+            ),
             RunError::Endless { stage, why } => {
                 write!(f, "the stage `{stage}` did not come to its end: {why}")
             }
@@ -193,6 +204,7 @@ impl Simulation {
                 self.progress.began = Some(began);
                 self.progress.told = Default::default();
                 self.progress.compaction = Default::default();
+                (self.progress.fallen, self.progress.grown) = Default::default();
                 self.progress.places = measure::places(&self.state);
                 self.progress.ledger = self.progress.ledger.map(|_| Ledger::default());
                 self.began = began;
@@ -200,6 +212,11 @@ impl Simulation {
             }
         };
         self.model.gravity = at(&stage.gravity, self.state.time - self.model.stage_start);
+        self.prepare();
+        let Some(stage) = self.stages.get(self.progress.stage) else { return Ok(None) };
+        if self.state.grains.is_empty() {
+            return Err(RunError::Empty { stage: stage.name.clone() });
+        }
         let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
         let before = self.progress.ledger.and_then(|_| Before::of(&self.state, &self.model));
         let report = match step(&mut self.state, &self.model, &mut self.work) {
@@ -239,6 +256,12 @@ impl Simulation {
             let rests = self.conditions(&stage.until).hold;
             self.progress.compaction.look(rule, measure::porosity(&self.state), rests);
         }
+        if let Some(rain) = stage.rain.as_ref().filter(|rain| rain.layer.is_some())
+            && self.looks()
+            && self.conditions(&stage.until).hold
+        {
+            rain.rests(&mut self.progress.fallen);
+        }
         if self.progress.compaction.friction != friction {
             self.model.contact = stage.model.contact.clone();
             self.model.contact.scale_friction(self.progress.compaction.friction);
@@ -269,6 +292,43 @@ impl Simulation {
         Ok(Some(Event::StageEnd(report)))
     }
 
+    /// Lets grains fall and grow, before a step, where the stage says so.
+    fn prepare(&mut self) {
+        let Some(stage) = self.stages.get(self.progress.stage) else { return };
+        if stage.rain.is_none() && stage.grow.is_none() {
+            return;
+        }
+        let (state, progress) = (&mut self.state, &mut self.progress);
+        let energy = |state: &State| {
+            measure::kinetic_energy(&state.grains) + measure::elastic_energy(state, &self.model)
+        };
+        let open = progress.ledger.as_mut().and_then(|ledger| ledger.start.as_mut());
+        let before = open.as_ref().map(|_| energy(state));
+        let (count, mut changed) = (state.grains.len(), false);
+        if let Some(rain) = &stage.rain {
+            let t = state.time - self.model.stage_start;
+            changed = rain.fall(state, &self.model, t, &mut progress.fallen, &stage.kinds) > 0;
+            progress.places.extend_from_slice(&state.grains.position[count..]);
+        }
+        if let Some(grow) = stage.grow {
+            let factor = grow.advance(state, &self.model);
+            if factor != 1.0 {
+                progress.grown = Some(progress.grown.unwrap_or(1.0) * factor);
+                changed = true;
+            }
+        }
+        if !changed {
+            return;
+        }
+        // What that gives the grains is there from the start.
+        if let (Some(start), Some(before)) = (open, before) {
+            *start += energy(state) - before;
+        }
+        let timers = std::mem::take(&mut self.work.timers);
+        self.work = Work::default();
+        self.work.timers = timers;
+    }
+
     /// What ended the stage, if it is at its end.
     fn ended(&self, stage: &Stage, began: Began) -> Result<Option<String>, RunError> {
         let until = &stage.until;
@@ -290,7 +350,9 @@ impl Simulation {
         }
         let Conditions { unbalanced, stress, hold } = self.conditions(until);
         let dense = stage.compact.is_none() || self.progress.compaction.reached;
-        if hold && dense {
+        let fallen = stage.rain.is_none() || self.progress.fallen.enough;
+        let grown = stage.grow.is_none_or(|grow| grow.is_dense(&self.state));
+        if hold && dense && fallen && grown {
             return Ok(Some("conditions".into()));
         }
         if !last {
@@ -302,6 +364,14 @@ impl Simulation {
         }
         if let Some(((value, what), limit)) = stress.zip(until.stress_error) {
             why.push(format!("the stress {what} is off by {value:.3e}, asked {limit:e}"));
+        }
+        if !fallen {
+            let Fallen { count, mass, .. } = self.progress.fallen;
+            why.push(format!("not enough grains have found room to fall: {count}, {mass:.3e} kg"));
+        }
+        if let Some(asked) = stage.grow.filter(|_| !grown).and_then(|grow| grow.porosity) {
+            let now = measure::porosity(&self.state);
+            why.push(format!("the grains have grown to a porosity of {now:.4}, asked {asked}"));
         }
         if let Some(rule) = stage.compact.as_ref().filter(|_| !dense) {
             why.push(format!(
@@ -354,6 +424,11 @@ impl Simulation {
                 compare(-place.force.dot(along), asked, &|| format!("on the wall `{}`", wall.name));
             }
         }
+        if let Some(asked) = self.stage().and_then(|stage| stage.grow).and_then(|grow| grow.stress) {
+            compare(measure::mean_stress(&self.state, &self.model), asked, &|| {
+                "of the growing grains".into()
+            });
+        }
         let mut held = self.model.cell.stress.given().peekable();
         if held.peek().is_some() {
             let water = self.work.loads.cell * self.state.domain.cell.volume().recip();
@@ -375,4 +450,3 @@ pub(super) struct Conditions {
     /// Whether all hold.
     pub(super) hold: bool,
 }
-
