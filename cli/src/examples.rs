@@ -1,7 +1,7 @@
 //! `porograin list` and `porograin new`: the examples are inside the program.
 
 use crate::{Failure, Outcome};
-use porograin::case::{PACKINGS, SHAPES, nearest, reason};
+use porograin::case::{PACKINGS, REGIONS, SHAPES, nearest, reason};
 use porograin::pores::conductance::CONDUCTANCES;
 use porograin::watch::Measure;
 use std::io::Write as _;
@@ -154,6 +154,15 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "19-pluviation",
+        about: "grains rain into a box and settle: porosity against the height of fall and the rate",
+        files: &[
+            ("case.toml", include_str!("../../examples/19-pluviation/case.toml")),
+            ("README.md", include_str!("../../examples/19-pluviation/README.md")),
+            ("pluviation.svg", include_str!("../../examples/19-pluviation/pluviation.svg")),
+        ],
+    },
+    Example {
         name: "20-seepage-column",
         about: "50 discs in water on a grid settle, and swell as water is pushed in from below (Goodarzi et al. 2013)",
         files: &[
@@ -297,6 +306,7 @@ pub fn list() -> Outcome {
     section("examples", &examples);
     section("packings", &PACKINGS);
     section("shapes of walls", &SHAPES);
+    section("shapes of regions", &REGIONS);
     for (heading, choices) in CHOICES {
         section(heading, choices);
     }

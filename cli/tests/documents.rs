@@ -62,6 +62,7 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("face.all.slip=x", true),
         ("wall=[{name='a', shape={x=1}}]", true),
         ("wall=[{name='a', shape={disc={centre=[0,0,0], normal=[1,0,0], radius=1}}, motion={x=1}}]", true),
+        ("region=[{name='a', shape={x=1}}]", true),
         ("contact={x=1}", true),
         ("grains.packing={x=1}", true),
         ("grains.packing={cloud={count=1,grading={x=1}}}", true),

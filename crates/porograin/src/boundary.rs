@@ -23,6 +23,8 @@ pub struct Domain {
     pub wall_force: [DVec3; 6],
     /// Velocity gradient of a periodic cell in the middle of the last step [1/s].
     pub rate: DMat3,
+    /// The period vectors as they were when the stage began, as columns: what [`Cell::edges`] has become of [m].
+    pub reference: DMat3,
     /// Its images move at this times their shift [1/s]: the same gradient, referred to the end of the step.
     pub gradient: DMat3,
     /// The velocity gradient summed over time [-]: logarithmic strains and shear strains, extension positive.
@@ -45,6 +47,7 @@ impl Domain {
             wall_velocity: Default::default(),
             wall_force: Default::default(),
             rate: DMat3::ZERO,
+            reference: DMat3::from_diagonal(upper - lower),
             gradient: DMat3::ZERO,
             strain: DMat3::ZERO,
             crossed: Vec::new(),
@@ -56,7 +59,7 @@ impl Domain {
 
     /// A cell at rest.
     pub fn of(cell: Cell) -> Self {
-        Domain { cell, ..Domain::walled(DVec3::ZERO, DVec3::ONE) }
+        Domain { cell, reference: cell.edges, ..Domain::walled(DVec3::ZERO, DVec3::ONE) }
     }
 
     /// Whether any axis is periodic.

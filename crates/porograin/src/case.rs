@@ -11,6 +11,7 @@ mod implied;
 mod material;
 mod periodic;
 mod prepare;
+mod region;
 mod source;
 mod stage;
 mod walls;
@@ -26,6 +27,7 @@ pub use walls::{SHAPES, ShapeTable, WallRule, WallTable};
 use crate::boundary::{FACE_NAMES, Face, Signal, Slip, Solid, Water};
 use crate::cell::CellRule;
 use crate::contact::Law;
+use crate::measure::Region;
 use crate::membrane::Membrane;
 use crate::model::{FluidModel, TimeStep};
 use crate::output::plot::Plot;
@@ -62,6 +64,9 @@ pub struct Case {
     /// Walls besides those at the faces; stages may override how they move.
     #[serde(default)]
     pub wall: Vec<WallTable>,
+    /// Parts of the box to measure in.
+    #[serde(default)]
+    pub region: Vec<RegionTable>,
     /// A flexible membrane around the sample; stages may replace it.
     pub membrane: Option<Membrane>,
     /// What drives the periodic cell; stages may replace it.
@@ -208,6 +213,23 @@ pub struct Lattice {
     /// Of every grain [m].
     pub radius: f64,
 }
+
+/// A part of the box to measure in.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct RegionTable {
+    /// One word, the end of the heads of its columns.
+    pub name: String,
+    /// Which part.
+    pub shape: Region,
+}
+
+/// Names of the shapes of regions as case files spell them, and what they are.
+pub const REGIONS: [(&str, &str); 3] = [
+    ("box", "between a low and a high corner"),
+    ("sphere", "around a centre"),
+    ("cylinder", "a round bar from a point along an axis, with two ends"),
+];
 
 /// Rules of the faces: first `all`, then `sides` (left, right, front, back), then the faces by name.
 #[derive(Clone, Debug, Default, Deserialize)]

@@ -183,6 +183,8 @@ fn shape(domain: &mut Domain) {
         let times = lean(a, b).round();
         let step = times * cell.edges.col(a);
         *cell.edges.col_mut(b) -= step;
+        let step = times * domain.reference.col(a);
+        *domain.reference.col_mut(b) -= step;
         // The same displacement in the new periods: n_a e_a + n_b e_b = (n_a + times n_b) e_a + n_b (e_b - times e_a).
         for crossed in &mut domain.crossed {
             crossed[a] += times as i32 * crossed[b];

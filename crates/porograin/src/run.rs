@@ -137,6 +137,7 @@ pub fn run(
             began: &began,
             places: &simulation.progress.places,
             ledger: simulation.progress.ledger.as_ref(),
+            regions: &simulation.regions,
             loads: &simulation.work.loads,
             water: &simulation.work.fluid,
             report: &report,

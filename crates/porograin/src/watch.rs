@@ -51,6 +51,8 @@ pub struct Watch {
 pub enum Measure {
     /// Void part of the box.
     Porosity,
+    /// Void part of each region that the case names.
+    Regions,
     /// Diameters that a tenth, 30, 50, 60 and 90 % of the mass are finer than.
     Grading,
     /// Lengths of the box.
@@ -103,13 +105,23 @@ pub enum Measure {
     Outflow,
 }
 
+/// The names that some measures have a column for each of.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Names {
+    /// Of the walls that the case adds.
+    pub walls: Vec<String>,
+    /// Of its regions.
+    pub regions: Vec<String>,
+}
+
 /// Heights at which profiles are taken, both ends included.
 pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 26] = [
+    pub const ALL: [Measure; 27] = [
         Measure::Porosity,
+        Measure::Regions,
         Measure::Grading,
         Measure::Size,
         Measure::Settlement,
@@ -154,6 +166,7 @@ impl Measure {
     pub fn describe(self) -> &'static str {
         match self {
             Measure::Porosity => "void part of the box",
+            Measure::Regions => "void part of each [[region]]",
             Measure::Grading => "diameters that 10, 30, 50, 60 and 90 % of the mass are finer than",
             Measure::Size => "lengths of the box",
             Measure::Settlement => "how far the top face has come down since the stage began",
@@ -203,14 +216,15 @@ impl Measure {
         matches!(self, Measure::Pressure | Measure::PressureProfile | Measure::Outflow)
     }
 
-    /// Heads of its columns, with units; `walls` are the names of those the case adds.
-    pub fn columns(self, walls: &[String]) -> Vec<String> {
+    /// Heads of its columns, with units.
+    pub fn columns(self, names: &Names) -> Vec<String> {
         let faces = |name: &str, unit: &str| -> Vec<String> {
             crate::boundary::FACE_NAMES.iter().map(|face| format!("{name}_{face} [{unit}]")).collect()
         };
         let list = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect();
         match self {
             Measure::Porosity => list(&["porosity [-]"]),
+            Measure::Regions => names.regions.iter().map(|name| format!("porosity_{name} [-]")).collect(),
             Measure::Grading => measure::PASSING.map(|part| format!("d{:.0} [m]", 100.0 * part)).to_vec(),
             Measure::Size => list(&["size_x [m]", "size_y [m]", "size_z [m]"]),
             Measure::Settlement => list(&["settlement [m]"]),
@@ -225,7 +239,7 @@ impl Measure {
                     };
                     [name("force", "N"), name("moment", "N m")].concat()
                 };
-                walls.iter().flat_map(of).collect()
+                names.walls.iter().flat_map(of).collect()
             }
             Measure::Deviator => list(&["mean_stress [Pa]", "deviator [Pa]"]),
             Measure::Compression => list(&[
@@ -286,6 +300,8 @@ pub struct Snapshot<'a> {
     pub places: &'a [DVec3],
     /// Work and losses of the stage, where the case watches them.
     pub ledger: Option<&'a Ledger>,
+    /// The regions that the case names, in its order.
+    pub regions: &'a [measure::Region],
     /// Loads of the step.
     pub loads: &'a Loads,
     /// What the water was computed with.
@@ -312,6 +328,9 @@ impl Measure {
         let State { domain, grains, contacts, .. } = now.state;
         Some(match self {
             Measure::Porosity => vec![measure::porosity(now.state)],
+            Measure::Regions => {
+                now.regions.iter().map(|region| measure::region_porosity(now.state, region)).collect()
+            }
             Measure::Grading => measure::PASSING.map(|part| measure::diameter(grains, part)).to_vec(),
             Measure::Size => (domain.cell.upper() - domain.cell.origin).to_array().to_vec(),
             Measure::Settlement => vec![now.began.settlement(now.state)],

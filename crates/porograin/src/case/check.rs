@@ -50,6 +50,7 @@ impl Case {
         self.check_packing()?;
         self.law("contact", &self.contact)?;
         self.check_materials()?;
+        self.check_regions()?;
         self.optional("damping", self.damping, Range::Part)?;
         self.time_step("time-step", &self.time_step)?;
         self.faces("face", &self.face)?;
@@ -273,7 +274,7 @@ impl Case {
     }
 
     fn plots(&self) -> Result<(), CaseError> {
-        let columns = plot::columns(&self.watch, &self.wall_names());
+        let columns = plot::columns(&self.watch, &self.names());
         let known = |path: &str, word: &str, noun: &str, all: &[&str]| {
             if all.contains(&word) {
                 return Ok(());

@@ -33,9 +33,8 @@ pub fn displacement(state: &State, from: &[DVec3]) -> Vec<DVec3> {
 pub struct Local {
     /// Void part of each grain's power cell [-]; 0 for a grain that has none.
     pub porosity: Vec<f64>,
-    /// Mean gradient of the displacement around each grain [-], row: the displacement's direction; `None` in periodic cells,
-    /// where it would have to know how every image has moved.
-    pub gradient: Option<Vec<DMat3>>,
+    /// Mean gradient of the displacement around each grain [-], row: the displacement's direction.
+    pub gradient: Vec<DMat3>,
 }
 
 /// Porosity by power (Voronoi) cells, and the gradient of `displacement` [m] around each grain; `None` for discs and where
@@ -43,7 +42,8 @@ pub struct Local {
 ///
 /// The gradient is the mean over the tetrahedra of grains that meet at the grain, weighted by their volumes: by the divergence
 /// theorem `1/V ∮ u ⊗ n dA` over the surface of their union, the polyhedron of the grain's neighbours, u linear on its
-/// triangles (Catalano 2.20-2.21, corrected). Tetrahedra at walls have no say; a grain without any other gets zero.
+/// triangles (Catalano 2.20-2.21, corrected). In a periodic cell the images of grains have moved with the periods since `displacement`
+/// began with the stage. Tetrahedra at walls have no say; a grain without any other gets zero.
 pub fn local(state: &State, displacement: &[DVec3]) -> Option<Local> {
     let grains = &state.grains;
     if grains.shape != Shape::Sphere {
@@ -57,9 +57,16 @@ pub fn local(state: &State, displacement: &[DVec3]) -> Option<Local> {
         if volume > 0.0 { 1.0 - grains.shape.volume(grains.radius[k]) / volume } else { 0.0 }
     };
     let porosity = volume.iter().enumerate().map(void).collect();
-    if state.domain.is_periodic() {
-        return Some(Local { porosity, gradient: None });
-    }
+    // An image has moved with its grain and with the periods between them.
+    let edges = cell.edges.inverse();
+    let image = |k: usize, place: DVec3| {
+        if !state.domain.is_periodic() {
+            return DVec3::ZERO;
+        }
+        let crossed = state.domain.crossed.get(k).copied().unwrap_or_default();
+        let periods = (edges * (place - grains.position[k])).round() - DVec3::from(crossed.map(f64::from));
+        (cell.edges - state.domain.reference) * periods
+    };
     let mut gradient = vec![DMat3::ZERO; grains.len()];
     let mut weight = vec![0.0; grains.len()];
     for (pore, vertices) in mesh.pores.iter().enumerate() {
@@ -67,7 +74,10 @@ pub fn local(state: &State, displacement: &[DVec3]) -> Option<Local> {
             continue;
         }
         let x = [0, 1, 2, 3].map(|k| packing.point(&mesh, pore, k).unwrap_or_default());
-        let u = vertices.map(|v| displacement[v as usize]);
+        let u = [0, 1, 2, 3].map(|k| {
+            let grain = vertices[k] as usize;
+            displacement[grain] + image(grain, x[k])
+        });
         let edges = DMat3::from_cols(x[1] - x[0], x[2] - x[0], x[3] - x[0]);
         let size = edges.determinant().abs() / 6.0;
         if size <= 0.0 {
@@ -85,7 +95,7 @@ pub fn local(state: &State, displacement: &[DVec3]) -> Option<Local> {
             *gradient *= 1.0 / weight;
         }
     }
-    Some(Local { porosity, gradient: Some(gradient) })
+    Some(Local { porosity, gradient })
 }
 
 /// Deviator of a strain [-], `sqrt(2/3 e:e)`, e the deviatoric part of the symmetric part of a displacement gradient: in

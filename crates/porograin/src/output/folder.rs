@@ -8,7 +8,7 @@ use super::{frame, replace, vtk};
 use crate::case::{Case, reason};
 use crate::progress::Progress;
 use crate::state::State;
-use crate::watch::{Every, Measure, Snapshot, Watch};
+use crate::watch::{Every, Measure, Names, Snapshot, Watch};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{self, File, TryLockError};
@@ -22,8 +22,8 @@ pub struct Folder {
     case_text: String,
     watches: Vec<Watch>,
     measures: Vec<Measure>,
-    /// Names of the walls that the case adds.
-    walls: Vec<String>,
+    /// What some measures have a column for each of.
+    names: Names,
     vtk: Option<Every>,
     plots: Vec<Plot>,
     history: Table,
@@ -114,8 +114,8 @@ impl Folder {
             keep(&found, &path.join(name))?;
         }
         let measures = measures(&case.watch);
-        let history = Table::create(&path.join("history.csv"), &heads(&measures, &case.wall_names()))
-            .map_err(failed)?;
+        let history =
+            Table::create(&path.join("history.csv"), &heads(&measures, &case.names())).map_err(failed)?;
         let written =
             Written { history: history.length(), rows: vec![None; case.watch.len()], ..Written::default() };
         Ok(Folder {
@@ -123,7 +123,7 @@ impl Folder {
             case_text,
             watches: case.watch.clone(),
             measures,
-            walls: case.wall_names(),
+            names: case.names(),
             vtk: case.output.vtk,
             plots: case.plot.clone(),
             history,
@@ -163,7 +163,7 @@ impl Folder {
             path: path.to_owned(),
             case_text,
             measures: measures(&case.watch),
-            walls: case.wall_names(),
+            names: case.names(),
             watches: case.watch.clone(),
             vtk: case.output.vtk,
             plots: case.plot.clone(),
@@ -200,7 +200,7 @@ impl Folder {
         if !due.is_empty() {
             let mut cells = vec![Some(step as f64), Some(time)];
             for measure in &self.measures {
-                let columns = measure.columns(&self.walls).len();
+                let columns = measure.columns(&self.names).len();
                 match measure.evaluate(now).filter(|_| due.contains(measure)) {
                     Some(values) => cells.extend(values.into_iter().map(Some)),
                     None => cells.extend(vec![None; columns]),
@@ -436,7 +436,7 @@ fn measures(watches: &[Watch]) -> Vec<Measure> {
     all
 }
 
-fn heads(measures: &[Measure], walls: &[String]) -> Vec<String> {
+fn heads(measures: &[Measure], names: &Names) -> Vec<String> {
     let first = ["stage", "step [-]", "time [s]"].map(str::to_owned);
-    first.into_iter().chain(measures.iter().flat_map(|m| m.columns(walls))).collect()
+    first.into_iter().chain(measures.iter().flat_map(|m| m.columns(names))).collect()
 }

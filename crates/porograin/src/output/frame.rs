@@ -38,8 +38,7 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     let displacement = vectors(&moved);
     let local = measure::local(now.state, &moved).unwrap_or_default();
     let porosity: Vec<f64> = order.iter().filter_map(|&i| local.porosity.get(i).copied()).collect();
-    let gradient = local.gradient.unwrap_or_default();
-    let gradient: Vec<DMat3> = order.iter().filter_map(|&i| gradient.get(i).copied()).collect();
+    let gradient: Vec<DMat3> = order.iter().filter_map(|&i| local.gradient.get(i).copied()).collect();
     let strain: Vec<[f64; 6]> = gradient.iter().map(|&g| symmetric(g)).collect();
     let shear: Vec<f64> = gradient.iter().map(|&g| measure::strain_deviator(g)).collect();
     // What could not be found is left out.

@@ -1,7 +1,7 @@
 //! Pictures a case asks for: columns of the history against each other.
 
 use super::chart::{Axis, Chart, Mark, Series, svg};
-use crate::watch::{Measure, Watch};
+use crate::watch::{Measure, Names, Watch};
 use serde::Deserialize;
 use std::io;
 use std::path::Path;
@@ -38,12 +38,12 @@ fn time() -> String {
 /// Columns of every history.
 pub const ALWAYS: [&str; 2] = ["step [-]", "time [s]"];
 
-/// The names by which plots know the columns of these watches: heads without units; `walls` are those the case adds.
-pub fn columns(watches: &[Watch], walls: &[String]) -> Vec<String> {
+/// The names by which plots know the columns of these watches: heads without units.
+pub fn columns(watches: &[Watch], names: &Names) -> Vec<String> {
     let mut measures: Vec<Measure> = watches.iter().flat_map(|w| w.measures.iter().copied()).collect();
     measures.sort();
     measures.dedup();
-    let watched = measures.iter().flat_map(|m| m.columns(walls));
+    let watched = measures.iter().flat_map(|m| m.columns(names));
     ALWAYS.into_iter().map(str::to_owned).chain(watched).map(|head| name(&head).to_owned()).collect()
 }
 

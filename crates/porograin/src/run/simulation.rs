@@ -6,7 +6,7 @@ use crate::case::{Case, CaseError, Plan, Stage, Until, at};
 use crate::cell::COMPONENTS;
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::ledger::{Before, Ledger};
-use crate::measure;
+use crate::measure::{self, Region};
 use crate::model::Model;
 use crate::packing::Grading;
 use crate::progress::{Began, Done, Progress};
@@ -33,6 +33,8 @@ pub struct Simulation {
     pub(super) model: Model,
     /// The sizes that were asked for.
     pub(super) grading: Option<Grading>,
+    /// Where the case measures.
+    pub(super) regions: Vec<Region>,
     /// How the stage of the last step began.
     pub(super) began: Began,
     pub(super) work: Work,
@@ -144,8 +146,18 @@ impl Simulation {
         let began = progress.began.unwrap_or_default();
         let mut model = Model { stage_start: began.time, ..model };
         model.contact.scale_friction(progress.compaction.friction);
-        let grading = case.grading();
-        Simulation { state, progress, stages, model, grading, began, work: Work::default(), news: Vec::new() }
+        let (grading, regions) = (case.grading(), case.regions());
+        Simulation {
+            state,
+            progress,
+            stages,
+            model,
+            grading,
+            regions,
+            began,
+            work: Work::default(),
+            news: Vec::new(),
+        }
     }
 
     /// The stage that is going on; `None` when all are done.
@@ -205,6 +217,7 @@ impl Simulation {
                 self.progress.told = Default::default();
                 self.progress.compaction = Default::default();
                 (self.progress.fallen, self.progress.grown) = Default::default();
+                self.state.domain.reference = edges;
                 self.progress.places = measure::places(&self.state);
                 self.progress.ledger = self.progress.ledger.map(|_| Ledger::default());
                 self.began = began;
