@@ -54,12 +54,7 @@ fn dry(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
     if let Some(bytes) = cost.bytes_per_grain {
         say!("{bytes:.0} bytes of memory per grain");
     }
-    if let Some(bench::SpeedUp { threads, step, ideal }) = cost.speed_up {
-        say!(
-            "on {threads} threads {step:.2} times faster than on one, a loop that shares nothing {ideal:.2} times: {:.0} % of that",
-            100.0 * step / ideal
-        );
-    }
+    say_speed_up(cost.speed_up);
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)
 }
@@ -86,6 +81,7 @@ fn coupled(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
         cost.limit,
         cost.viscous_number
     );
+    say_speed_up(cost.speed_up);
     say_phases(&cost.phases);
     serde_json::to_value(&cost).map(Some).map_err(failed)
 }
@@ -148,6 +144,9 @@ fn solvers(arguments: &Bench) -> Outcome {
         }
         all.push(size);
     }
+    if let Some(power) = bench::growth(&all) {
+        say!("from 32000 grains on the whole, by cg, grows with their power {power:.2}");
+    }
     serde_json::to_value(&all).map(Some).map_err(failed)
 }
 
@@ -185,6 +184,15 @@ fn total(flow: &Flow) -> f64 {
 fn say_phases(phases: &[(&str, f64)]) {
     for (phase, share) in phases {
         say!("  {phase:12} {:5.1} %", 100.0 * share);
+    }
+}
+
+fn say_speed_up(speed_up: Option<bench::SpeedUp>) {
+    if let Some(bench::SpeedUp { threads, step, ideal }) = speed_up {
+        say!(
+            "on {threads} threads {step:.2} times faster than on one, a loop that shares nothing {ideal:.2} times: {:.0} % of that",
+            100.0 * step / ideal
+        );
     }
 }
 

@@ -7,7 +7,7 @@
 use crate::Matrix;
 use crate::aggregate::{NONE, Rows, Sparse};
 use crate::clusters::{LARGEST, Star, clusters};
-use crate::vector::{ALONE, CHUNK, each};
+use crate::vector::{CHUNK, alone, each};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -276,7 +276,7 @@ impl Finest {
 
     /// Calls `f` with each part and its `length` entries of `x`.
     fn by_part(&self, x: &mut [f32], length: impl Fn(&Part) -> usize, f: impl Fn(&Part, &mut [f32]) + Sync) {
-        let alone = self.order.len() < ALONE;
+        let alone = alone(self.order.len());
         let mut slices = Vec::with_capacity(if alone { 0 } else { self.parts.len() });
         let mut rest = x;
         for part in &self.parts {

@@ -8,12 +8,14 @@
 
 use crate::aggregate::{Rows, Sparse};
 use crate::finest::Finest;
-use crate::vector::{ALONE, by_part, each, power_below};
+use crate::vector::{by_part, each, power_below};
 use crate::{Matrix, Preconditioner};
 
 /// Networks of at most this many nodes are solved by a dense inverse.
 const COARSEST: usize = 64;
-/// Nodes per part of a sweep, on levels large enough to be worth several threads.
+/// Levels of at least this many nodes are swept in two or more parts, which several threads can take.
+const PARTED: usize = 1 << 13;
+/// Most nodes of a part: the fewer parts, the better the sweep.
 const PART: usize = 1 << 15;
 
 /// One level of aggregation.
@@ -106,7 +108,7 @@ impl Transfer {
 impl Level {
     fn new(network: &Sparse, interpolation: Rows, restriction: Rows) -> Level {
         let n = network.nodes();
-        let part = if n < ALONE { n.max(1) } else { PART };
+        let part = if n < PARTED { n.max(1) } else { n.div_ceil(2).min(PART) };
         let mut bounds = Vec::with_capacity(3 * n + 1);
         bounds.push(0);
         let mut columns = Vec::with_capacity(network.rows.columns.len());

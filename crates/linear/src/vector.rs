@@ -6,7 +6,12 @@ use rayon::prelude::*;
 /// Entries per chunk.
 pub const CHUNK: usize = 4096;
 /// Shorter vectors stay on the calling thread: handing out the work would cost more than the work.
-pub const ALONE: usize = 1 << 16;
+const ALONE: usize = 1 << 13;
+
+/// Whether the calling thread works on `n` numbers alone.
+pub fn alone(n: usize) -> bool {
+    n < ALONE || rayon::current_num_threads() == 1
+}
 
 /// `y[i] = f(i)`.
 pub fn each<T: Send>(y: &mut [T], f: impl Fn(usize) -> T + Sync) {
@@ -24,7 +29,7 @@ fn total(sums: &Sums) -> [f64; 2] {
 fn reduce(n: usize, sums: &mut Sums, f: impl Fn(std::ops::Range<usize>) -> [f64; 2] + Sync) -> [f64; 2] {
     sums.resize(n.div_ceil(CHUNK), [0.0; 2]);
     let chunk = |c: usize| f(c * CHUNK..n.min((c + 1) * CHUNK));
-    if n < ALONE {
+    if alone(n) {
         sums.iter_mut().enumerate().for_each(|(c, s)| *s = chunk(c));
     } else {
         sums.par_iter_mut().enumerate().for_each(|(c, s)| *s = chunk(c));
@@ -73,7 +78,7 @@ pub fn residual(b: &[f64], r: &mut [f64], sums: &mut Sums) -> f64 {
         r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
         [interleaved(r.len(), |k| r[k] * r[k]), 0.0]
     };
-    if b.len() < ALONE {
+    if alone(b.len()) {
         sums.iter_mut().zip(b.chunks(CHUNK).zip(r.chunks_mut(CHUNK))).for_each(|(s, c)| *s = chunk(c));
     } else {
         sums.par_iter_mut()
@@ -91,7 +96,7 @@ pub fn advance(alpha: f64, p: &[f64], q: &[f64], x: &mut [f64], r: &mut [f64], s
         r.iter_mut().zip(q).for_each(|(r, q)| *r -= alpha * q);
         [interleaved(r.len(), |k| r[k] * r[k]), 0.0]
     };
-    if x.len() < ALONE {
+    if alone(x.len()) {
         let parts = p.chunks(CHUNK).zip(q.chunks(CHUNK)).zip(x.chunks_mut(CHUNK)).zip(r.chunks_mut(CHUNK));
         sums.iter_mut().zip(parts).for_each(|(s, (((p, q), x), r))| *s = chunk(p, q, x, r));
     } else {
@@ -108,7 +113,7 @@ pub fn advance(alpha: f64, p: &[f64], q: &[f64], x: &mut [f64], r: &mut [f64], s
 /// `p = z + beta p`.
 pub fn direction(beta: f64, z: &[f64], p: &mut [f64]) {
     let step = |(p, z): (&mut [f64], &[f64])| p.iter_mut().zip(z).for_each(|(p, z)| *p = z + beta * *p);
-    if p.len() < ALONE {
+    if alone(p.len()) {
         step((p, z));
     } else {
         p.par_chunks_mut(CHUNK).zip(z.par_chunks(CHUNK)).for_each(step);
@@ -124,7 +129,7 @@ pub fn power_below(r: &[f64]) -> Option<f64> {
 
 /// Calls `f(first, part)` on the parts of `y`, `length` entries each (the last one shorter).
 pub fn by_part<T: Send>(y: &mut [T], length: usize, f: impl Fn(usize, &mut [T]) + Sync) {
-    if y.len() < ALONE {
+    if alone(y.len()) {
         y.chunks_mut(length).enumerate().for_each(|(k, y)| f(k * length, y));
     } else {
         y.par_chunks_mut(length).enumerate().for_each(|(k, y)| f(k * length, y));

@@ -8,7 +8,7 @@ mod solvers;
 pub use coarse::{CoarseBench, coarse};
 pub use coupled::{BenchError, CoupledBench, coupled};
 pub use dry::{DryBench, SpeedUp, dry, dry_model, grown, hertz_mindlin, linear};
-pub use solvers::{SizeBench, SolverBench, Thesis, sizes, solvers};
+pub use solvers::{SizeBench, SolverBench, Thesis, growth, sizes, solvers};
 
 use crate::fluid;
 use crate::model::Model;

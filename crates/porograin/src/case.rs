@@ -5,6 +5,7 @@
 
 mod build;
 mod check;
+mod cost;
 mod error;
 mod grains;
 mod implied;

@@ -23,6 +23,7 @@ use glam::{DMat3, DVec3};
 use porograin_geometry::Repair;
 use porograin_geometry::throat::{Packing, radical_centres};
 use porograin_geometry::triangulation::wall;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub(crate) mod coarse;
@@ -41,6 +42,8 @@ pub enum Fluid {
 
 /// Steps between two looks at how much the pores have deformed.
 const LOOK_EVERY: u64 = 10;
+/// Nodes that are worth a thread.
+const SHARE: usize = 4096;
 
 /// What the water keeps between steps to be fast; dropping it changes no bit.
 #[derive(Debug, Default)]
@@ -346,7 +349,7 @@ fn make(
 }
 
 /// A mesh of a packing near rest serves this many steps at least.
-const EXPECTED_SOLVES: usize = 1000;
+pub(crate) const EXPECTED_SOLVES: usize = 1000;
 
 fn cannot_solve(error: porograin_linear::Error, mesh: &Mesh, grains: &Grains) -> StepError {
     let porograin_linear::Error::Singular { nodes } = &error else {
@@ -399,10 +402,14 @@ pub fn advance(
     // Implicit steps are too long for more than a straight line.
     let bend = if implicit { 0.0 } else { 1.0 };
     let [before, earlier] = &mut water.before;
-    for ((now, before), earlier) in water.pressure.iter_mut().zip(before).zip(earlier) {
-        let ahead = 2.0 * *now - *before + bend * (*now - 2.0 * *before + *earlier);
-        (*earlier, *before, *now) = (*before, *now, ahead);
-    }
+    // The new start takes the place of the oldest pressures, then the three change places.
+    earlier.par_iter_mut().zip(before.par_iter()).zip(&water.pressure).with_min_len(SHARE).for_each(
+        |((earlier, before), now)| {
+            *earlier = 2.0 * now - before + bend * (now - 2.0 * before + *earlier);
+        },
+    );
+    std::mem::swap(before, earlier);
+    std::mem::swap(&mut water.pressure, before);
     let time = state.time - model.stage_start;
     mesh.hold(|face, x| imposed(&model.faces[face].water, x, time), &mut water.pressure)
         .map_err(|place| no_value(place, time))?;

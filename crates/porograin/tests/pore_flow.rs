@@ -409,3 +409,24 @@ fn shaken_lattices_keep_their_permeability() {
         }
     }
 }
+
+/// More grains than one thread loads at a time, in no particular order, so that every patch meets pores of all others.
+#[test]
+fn threads_load_the_grains_bit_by_bit_as_one_does() {
+    let cell = Cell::walled(DVec3::ZERO, DVec3::splat(1.0));
+    let (x, r) = cloud(&cell, 4500, 0.02, 1.5, 9);
+    let sample = Sample { name: "patches", cell, x, r };
+    let mesh = mesh(&sample, Slip::NoSlip, TOP_BOTTOM);
+    let mut random = Random(3);
+    let pressure: Vec<f64> = (0..mesh.nodes()).map(|_| random.vector().x).collect();
+    let loads = |threads: usize| {
+        let mut loads = Loads::default();
+        loads.clear(sample.x.len());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| mesh.add_loads(&pressure, &mut loads));
+        loads
+    };
+    let (one, two) = (loads(1), loads(2));
+    assert!(one.force.iter().all(|f| *f != DVec3::ZERO));
+    assert!(one.force == two.force && one.torque == two.torque && one.wall == two.wall);
+}

@@ -1,6 +1,6 @@
 //! The cost of the step with water: a packing consolidates.
 
-use super::{DENSITY, dry, timed};
+use super::{DENSITY, SpeedUp, dry, timed};
 use crate::boundary::{Domain, Signal, Slip, Solid, Water};
 use crate::measure::wall_stress;
 use crate::model::{Flow, FluidModel, Model};
@@ -31,6 +31,8 @@ pub struct CoupledBench {
     pub dry_seconds_per_step: f64,
     /// The first over the second.
     pub ratio_to_dry: f64,
+    /// What more than one thread gains.
+    pub speed_up: Option<SpeedUp>,
     /// Share of each phase, by the names of the step's page.
     pub phases: Vec<(&'static str, f64)>,
     /// Mean number of iterations of the pressure solve.
@@ -121,7 +123,10 @@ pub fn coupled(
     viscosity: Option<f64>,
     residual: Option<f64>,
 ) -> Result<CoupledBench, BenchError> {
-    rayon::scope(|_| consolidate(&mut dry::at_rest(position, radius, domain), steps, viscosity, residual))
+    let mut state = dry::at_rest(position, radius, domain);
+    let (mut bench, model) = rayon::scope(|_| consolidate(&mut state, steps, viscosity, residual))?;
+    bench.speed_up = dry::speed_up(&mut state, &model, steps)?;
+    Ok(bench)
 }
 
 fn consolidate(
@@ -129,7 +134,7 @@ fn consolidate(
     steps: usize,
     viscosity: Option<f64>,
     residual: Option<f64>,
-) -> Result<CoupledBench, BenchError> {
+) -> Result<(CoupledBench, Model), BenchError> {
     let held = dry::hold(state, dry::linear(), steps)?;
     let permeability = permeability(state).map_err(BenchError::Permeability)?;
     let viscosity = viscosity.unwrap_or(VISCOUS_NUMBER * permeability * DENSITY / state.dt);
@@ -143,7 +148,7 @@ fn consolidate(
     let water = &timed.water;
     let limit =
         crate::stability::with_water(crate::stability::limit(state, &model, &mut Vec::new()), state, &model);
-    Ok(CoupledBench {
+    let bench = CoupledBench {
         grains: state.grains.len(),
         contacts: state.contacts.len(),
         pores: timed.work.fluid.mesh().map_or(0, |mesh| mesh.census.pores),
@@ -164,7 +169,9 @@ fn consolidate(
         limit: limit.cause.to_string(),
         load: LOAD,
         settlement: top - state.domain.cell.upper().z,
-    })
+        speed_up: None,
+    };
+    Ok((bench, model))
 }
 
 /// Of the packing as it stands [m²].

@@ -45,7 +45,7 @@ pub struct DryBench {
 pub struct SpeedUp {
     /// Number of threads.
     pub threads: usize,
-    /// Of the dry step.
+    /// Of the step.
     pub step: f64,
     /// Of a loop that shares nothing: what the machine gives.
     pub ideal: f64,
@@ -142,7 +142,7 @@ pub(super) fn hold(state: &mut State, law: Law, steps: usize) -> Result<DryBench
 const TURNS: usize = 7;
 
 /// Times a few steps, and a loop that shares nothing, in turns on one thread and on all of this pool; the medians compared.
-fn speed_up(state: &mut State, model: &Model, steps: usize) -> Result<Option<SpeedUp>, StepError> {
+pub(super) fn speed_up(state: &mut State, model: &Model, steps: usize) -> Result<Option<SpeedUp>, StepError> {
     let threads = rayon::current_num_threads();
     let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let (true, Ok(one), Ok(all)) = (threads > 1, pool(1), pool(threads)) else { return Ok(None) };

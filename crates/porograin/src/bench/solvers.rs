@@ -27,6 +27,23 @@ pub struct SizeBench {
     pub thesis: Option<Thesis>,
 }
 
+impl SizeBench {
+    /// Seconds of the whole with the multigrid solver, where that took part.
+    pub fn total(&self) -> Option<f64> {
+        let cg = self.solvers.iter().find(|s| s.solver == Solver::Cg)?;
+        Some(self.triangulation + self.conductance + cg.setup + cg.solve)
+    }
+}
+
+/// The power of the number of grains with which the whole grows, by multigrid, from the first of `sizes` with 32 000 grains or
+/// more to the last; nothing if that is the same one.
+pub fn growth(sizes: &[SizeBench]) -> Option<f64> {
+    let (first, last) = (sizes.iter().find(|s| s.grains >= 32_000)?, sizes.last()?);
+    let grains = last.grains as f64 / first.grains as f64;
+    (grains > 1.0).then_some(())?;
+    Some((last.total()? / first.total()?).ln() / grains.ln())
+}
+
 /// One solver.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SolverBench {
@@ -71,10 +88,10 @@ const TABLE: [(usize, [f64; 3]); 8] = [
 
 /// The largest packing of the study.
 const LARGEST: usize = 1_000_000;
-/// Gauss-Seidel is tried up to so many grains: its time grows with their power 1.8.
-const GAUSS_SEIDEL: usize = 64_000;
-/// A factorisation is tried up to so many grains: beyond, it takes gigabytes.
-const CHOLESKY: usize = 64_000;
+/// Gauss-Seidel is tried up to so many grains: its time grows with their power 1.8, to minutes beyond.
+const GAUSS_SEIDEL: usize = 8000;
+/// A factorisation is tried up to so many grains: its time grows with their square, to minutes and gigabytes beyond.
+const CHOLESKY: usize = 32_000;
 
 /// The sizes of the study up to `max` grains.
 pub fn sizes(max: usize) -> impl Iterator<Item = usize> {
@@ -154,6 +171,12 @@ mod tests {
         for (solver, bound) in found.solvers.iter().zip([1e-4, 1e-4, 4e-3]) {
             assert!(solver.flux_error < bound && solver.iterations > 0, "{solver:?}");
         }
+        let mut sixteen = SizeBench { grains: 512_000, ..found.clone() };
+        let first = SizeBench { grains: 32_000, ..found };
+        sixteen.triangulation += 3.0 * first.total().unwrap();
+        let doubled = growth(&[first.clone(), sixteen]).unwrap();
+        assert!((doubled - 0.5).abs() < 1e-12, "four times the time for sixteen times the grains: {doubled}");
+        assert_eq!(growth(&[first]), None);
         assert_eq!(sizes(8000).collect::<Vec<_>>(), [2000, 4000, 8000]);
         assert_eq!(sizes(usize::MAX).last(), Some(LARGEST));
     }

@@ -1,6 +1,6 @@
 //! What the numbers of a case imply, before anything is simulated. Estimates, each with its formula.
 
-use super::{Case, CaseError, Plan};
+use super::{Case, CaseError, Plan, cost};
 use crate::boundary::{Signal, Solid};
 use crate::darcy;
 use crate::fluid;
@@ -15,8 +15,6 @@ const PORES_PER_GRAIN: f64 = 6.6;
 const PACKED_POROSITY: f64 = 0.4;
 /// Bytes a grain takes: arrays of grain, contacts, neighbours; and what its pores add.
 const BYTES_PER_GRAIN: [f64; 2] = [1.5e3, 20e3];
-/// Wall seconds per grain and step on one core of a small machine: dry, and what the water adds.
-const SECONDS_PER_GRAIN_STEP: [f64; 2] = [0.25e-6, 1.0e-6];
 
 /// What a case implies.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -111,16 +109,43 @@ impl Case {
             let until = &stage.until;
             let by_time = until.time.map(|t| (t / time_step).ceil() as u64);
             let steps = by_time.into_iter().chain(until.steps).min();
-            let per_step =
-                SECONDS_PER_GRAIN_STEP[0] + if pores(model) { SECONDS_PER_GRAIN_STEP[1] } else { 0.0 };
             let young = model.contact.all.young();
             let stress = largest_stress(model);
+            let water: Option<ImpliedWater> = model.fluid.as_ref().map(|fluid| {
+                let (d, n) = (2.0 * mean, PACKED_POROSITY);
+                let height = self.domain.size[2];
+                let shortens = 800.0 * fluid.viscosity / (d * (self.grains.density * young).sqrt());
+                let permeability = d * d * n.powi(3) / (180.0 * (1.0 - n).powi(2));
+                let seepage = permeability / fluid.viscosity * stress.unwrap_or(0.0) / height;
+                ImpliedWater {
+                    permeability,
+                    seepage,
+                    reynolds: fluid.density * seepage * d / fluid.viscosity,
+                    stokes: self.grains.density * seepage * d / (9.0 * fluid.viscosity),
+                    consolidation: 0.25 * height * height * fluid.viscosity / (permeability * young / 4.0),
+                    shortens,
+                    free_level: fluid.bulk_modulus.is_none() && !model.has_pressure(),
+                    implicit: match &fluid.flow {
+                        Flow::Pores(pores) => match pores.step {
+                            Stepping::Auto => shortens > fluid::PAYS,
+                            chosen => chosen == Stepping::Implicit,
+                        },
+                        Flow::Darcy(_) => true,
+                    },
+                }
+            });
+            let mut per_step = cost::dry(count as f64);
+            if let (Some(Flow::Pores(flow)), Some(water)) = (model.fluid.as_ref().map(|f| &f.flow), &water) {
+                let pores = PORES_PER_GRAIN * count as f64;
+                let (method, period) = (flow.solver.method(), fluid::EXPECTED_SOLVES);
+                per_step += cost::pores(count as f64, pores, method, water.implicit, period);
+            }
             implied.push(ImpliedStage {
                 name: stage.name.clone(),
                 time_step,
                 cause,
                 steps,
-                seconds: steps.map(|n| n as f64 * count as f64 * per_step),
+                seconds: steps.map(|n| n as f64 * per_step),
                 stiffness_number: stress.map(|s| young / s),
                 cells: match model.fluid.as_ref().map(|fluid| &fluid.flow) {
                     Some(Flow::Darcy(darcy)) => {
@@ -129,30 +154,7 @@ impl Case {
                     }
                     _ => None,
                 },
-                water: model.fluid.as_ref().map(|fluid| {
-                    let (d, n) = (2.0 * mean, PACKED_POROSITY);
-                    let height = self.domain.size[2];
-                    let shortens = 800.0 * fluid.viscosity / (d * (self.grains.density * young).sqrt());
-                    let permeability = d * d * n.powi(3) / (180.0 * (1.0 - n).powi(2));
-                    let seepage = permeability / fluid.viscosity * stress.unwrap_or(0.0) / height;
-                    ImpliedWater {
-                        permeability,
-                        seepage,
-                        reynolds: fluid.density * seepage * d / fluid.viscosity,
-                        stokes: self.grains.density * seepage * d / (9.0 * fluid.viscosity),
-                        consolidation: 0.25 * height * height * fluid.viscosity
-                            / (permeability * young / 4.0),
-                        shortens,
-                        free_level: fluid.bulk_modulus.is_none() && !model.has_pressure(),
-                        implicit: match &fluid.flow {
-                            Flow::Pores(pores) => match pores.step {
-                                Stepping::Auto => shortens > fluid::PAYS,
-                                chosen => chosen == Stepping::Implicit,
-                            },
-                            Flow::Darcy(_) => true,
-                        },
-                    }
-                }),
+                water,
             });
         }
         Ok(Implied {

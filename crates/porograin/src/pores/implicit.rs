@@ -156,7 +156,7 @@ pub fn solve(
     pressure: &mut [f64],
     room: &mut Room,
 ) -> Result<Info, Error> {
-    system.gather(mesh, carried, pressure);
+    system.gather(carried, pressure);
     let System { matrix, solver, rhs, free, unknown, .. } = &mut *system;
     let size = rhs.iter().map(|b| b * b).sum::<f64>().sqrt();
     memory.largest = memory.largest.max(size);

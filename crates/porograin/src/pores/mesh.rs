@@ -21,6 +21,9 @@ const COINCIDENT: f64 = 1e-4;
 /// Throats worked out before they are added up.
 const BLOCK: usize = 1 << 12;
 
+/// Grains that one thread loads at a time.
+const PATCH: usize = 2048;
+
 /// The node is free: no face holds its pressure.
 pub const FREE: u8 = u8::MAX;
 /// The node lets no water through.
@@ -106,11 +109,9 @@ pub struct Mesh {
     pub volume_rate: Option<Vec<[DVec3; 4]>>,
     /// The faces that pores have on walls; those of one wall sum to the area of the box's face.
     pub wall_faces: Vec<WallFace>,
-    /// Where the slots of each grain begin in `slots`.
-    starts: Vec<u32>,
-    /// Slots `4 pore + vertex` by grain, in rising order.
-    slots: Vec<u32>,
-    /// Slots of wall vertices, in rising order.
+    /// The pores around each [`PATCH`] of grains, in rising order.
+    around: Vec<Vec<u32>>,
+    /// Slots `4 pore + vertex` of wall vertices, in rising order.
     wall_slots: Vec<u32>,
     /// What a period adds; `None` in a box with six walls.
     pub images: Option<Images>,
@@ -207,8 +208,7 @@ impl Mesh {
             torque: vec![[DVec3::ZERO; 4]; pores],
             volume_rate: None,
             wall_faces: Vec::new(),
-            starts: Vec::new(),
-            slots: Vec::new(),
+            around: Vec::new(),
             wall_slots: Vec::new(),
             images: (packing.cell.periodic != [false; 3]).then(|| Images {
                 cell: *packing.cell,
@@ -290,23 +290,17 @@ impl Mesh {
     }
 
     fn index_slots(&mut self, grains: usize) {
-        self.starts = vec![0; grains + 1];
-        for &vertex in self.triangulation.pores.iter().flatten() {
-            if vertex < FIRST_WALL {
-                self.starts[vertex as usize + 1] += 1;
-            }
-        }
-        for i in 0..grains {
-            self.starts[i + 1] += self.starts[i];
-        }
-        let mut next = self.starts.clone();
-        self.slots = vec![0; self.starts[grains] as usize];
-        for (slot, &vertex) in self.triangulation.pores.iter().flatten().enumerate() {
-            if vertex < FIRST_WALL {
-                self.slots[next[vertex as usize] as usize] = slot as u32;
-                next[vertex as usize] += 1;
-            } else {
-                self.wall_slots.push(slot as u32);
+        self.around = vec![Vec::new(); grains.div_ceil(PATCH)];
+        for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
+            for (k, &vertex) in vertices.iter().enumerate() {
+                if vertex >= FIRST_WALL {
+                    self.wall_slots.push((4 * pore + k) as u32);
+                    continue;
+                }
+                let around = &mut self.around[vertex as usize / PATCH];
+                if around.last() != Some(&(pore as u32)) {
+                    around.push(pore as u32);
+                }
             }
         }
     }
@@ -370,35 +364,42 @@ impl Mesh {
     /// `S p`: adds the forces and torques of the pressures of the nodes [Pa], and what they do to a periodic cell, to
     /// the loads.
     ///
-    /// Each grain sums its pores in rising order, whether it gathers (threads) or is scattered to (one thread).
+    /// Each grain sums its pores in rising order: the same bits, whether one thread loads all grains or several take
+    /// patches of them, each with the pores around it.
     pub fn add_loads(&self, pressure: &[f64], loads: &mut Loads) {
         if rayon::current_num_threads() == 1 {
-            for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
-                let p = pressure[self.node[pore] as usize];
-                let (force, torque) = (&self.force[pore], &self.torque[pore]);
-                for (k, &vertex) in vertices.iter().enumerate() {
-                    if vertex < FIRST_WALL {
-                        loads.force[vertex as usize] += p * force[k];
-                        loads.torque[vertex as usize] += p * torque[k];
-                    }
-                }
-            }
+            self.load(0..self.node.len(), 0, pressure, &mut loads.force, &mut loads.torque);
         } else {
-            let slots =
-                |grain: usize| &self.slots[self.starts[grain] as usize..self.starts[grain + 1] as usize];
-            loads.force.par_iter_mut().zip(&mut loads.torque).with_min_len(256).enumerate().for_each(
-                |(grain, (total, turn))| {
-                    for &slot in slots(grain) {
-                        let (pore, k) = (slot as usize / 4, slot as usize % 4);
-                        let p = pressure[self.node[pore] as usize];
-                        *total += p * self.force[pore][k];
-                        *turn += p * self.torque[pore][k];
-                    }
-                },
-            );
+            let patches = loads.force.par_chunks_mut(PATCH).zip(loads.torque.par_chunks_mut(PATCH));
+            patches.zip(&self.around).enumerate().for_each(|(patch, ((force, torque), around))| {
+                self.load(around.iter().map(|&p| p as usize), patch * PATCH, pressure, force, torque);
+            });
         }
         self.add_wall_loads(pressure, &mut loads.wall);
         loads.cell += self.stretching(pressure);
+    }
+
+    /// Adds what some pores do to the grains from `first` on.
+    #[inline(always)]
+    fn load(
+        &self,
+        pores: impl Iterator<Item = usize>,
+        first: usize,
+        pressure: &[f64],
+        force: &mut [DVec3],
+        torque: &mut [DVec3],
+    ) {
+        for pore in pores {
+            let p = pressure[self.node[pore] as usize];
+            for (k, &vertex) in self.triangulation.pores[pore].iter().enumerate() {
+                // Walls and grains of other patches lie beyond the end.
+                let grain = (vertex as usize).wrapping_sub(first);
+                if let (Some(force), Some(torque)) = (force.get_mut(grain), torque.get_mut(grain)) {
+                    *force += p * self.force[pore][k];
+                    *torque += p * self.torque[pore][k];
+                }
+            }
+        }
     }
 
     /// The part of [`add_loads`](Self::add_loads) that acts on the walls.

@@ -3,9 +3,12 @@
 
 use super::mesh::{BLOCKED, FREE, Mesh};
 use porograin_linear::{Error, FIXED, Info, Matrix, Method, Params, Solver};
+use rayon::prelude::*;
 
 /// Gauss-Seidel gives up after so many sweeps; their number grows with that of the grains.
 const MOST_SWEEPS: usize = 100_000;
+/// Unknowns that are worth a thread.
+const SHARE: usize = 4096;
 
 /// The linear system of a mesh.
 pub struct System {
@@ -16,6 +19,10 @@ pub struct System {
     /// Nothing holds a pressure: this node is held at zero for the solve, then the mean is taken out.
     pinned: Option<usize>,
     pub(super) unknown: Vec<u32>,
+    /// The node of each unknown.
+    nodes: Vec<u32>,
+    /// The throats to nodes whose pressure is given: the unknown, the node and the conductance [m³/(Pa s)].
+    held: Vec<(u32, u32, f64)>,
     /// `V_f / K_f` of each node [m³/Pa]; empty where the water is incompressible.
     pub(super) capacity: Vec<f64>,
     /// The interval of the storage in the matrix [s].
@@ -64,6 +71,18 @@ impl System {
                 *place = mesh.centre[pore];
             }
         }
+        let free = |&node: &u32| unknown[node as usize] != FIXED;
+        let nodes = (0..mesh.nodes() as u32).filter(free).collect();
+        let mut held = Vec::new();
+        // A pinned level is zero.
+        for (&[i, j], &g) in mesh.links.iter().zip(&mesh.conductance).filter(|_| pinned.is_none()) {
+            match [i, j].map(|node| unknown[node as usize]) {
+                [FIXED, FIXED] => {}
+                [FIXED, v] => held.push((v, i, g)),
+                [u, FIXED] => held.push((u, j, g)),
+                _ => {}
+            }
+        }
         let mut params = Params { method, tolerance: residual, expected_solves, ..Params::default() };
         if method == Method::GaussSeidel {
             params.max_iterations = MOST_SWEEPS;
@@ -76,6 +95,8 @@ impl System {
             free: vec![0.0; unknowns],
             pinned,
             unknown,
+            nodes,
+            held,
             capacity,
             interval,
             prepared_for: 0.0,
@@ -129,39 +150,28 @@ impl System {
     /// # Errors
     /// Those of the solver.
     pub fn solve(&mut self, mesh: &Mesh, carried: &[f64], pressure: &mut [f64]) -> Result<Info, Error> {
-        self.gather(mesh, carried, pressure);
+        self.gather(carried, pressure);
         let info = self.solver.solve(&self.matrix, &self.rhs, &mut self.free)?;
         self.scatter(mesh, pressure);
         Ok(info)
     }
 
     /// The right-hand side `-carried + G_D p_D` and the start of a solve from the pressures of all nodes.
-    pub(super) fn gather(&mut self, mesh: &Mesh, carried: &[f64], pressure: &[f64]) {
+    pub(super) fn gather(&mut self, carried: &[f64], pressure: &[f64]) {
         let level = self.pinned.map_or(0.0, |node| pressure[node]);
-        for (node, &unknown) in self.unknown.iter().enumerate() {
-            if unknown != FIXED {
-                self.rhs[unknown as usize] = -carried[node];
-                self.free[unknown as usize] = pressure[node] - level;
-            }
-        }
-        if self.pinned.is_none() {
-            for (&[i, j], &g) in mesh.links.iter().zip(&mesh.conductance) {
-                let [u, v] = [self.unknown[i as usize], self.unknown[j as usize]];
-                if u == FIXED && v != FIXED {
-                    self.rhs[v as usize] += g * pressure[i as usize];
-                } else if v == FIXED && u != FIXED {
-                    self.rhs[u as usize] += g * pressure[j as usize];
-                }
-            }
+        let System { rhs, free, nodes, .. } = self;
+        rhs.par_iter_mut().zip(free).zip(nodes).with_min_len(SHARE).for_each(|((rhs, free), &mut node)| {
+            (*rhs, *free) = (-carried[node as usize], pressure[node as usize] - level);
+        });
+        for &(unknown, node, g) in &self.held {
+            self.rhs[unknown as usize] += g * pressure[node as usize];
         }
     }
 
     /// The solution, back to the nodes.
     pub(super) fn scatter(&self, mesh: &Mesh, pressure: &mut [f64]) {
-        for (node, &unknown) in self.unknown.iter().enumerate() {
-            if unknown != FIXED {
-                pressure[node] = self.free[unknown as usize];
-            }
+        for (&node, &free) in self.nodes.iter().zip(&self.free) {
+            pressure[node as usize] = free;
         }
         if let Some(first) = self.pinned {
             pressure[first] = 0.0;

@@ -1,0 +1,64 @@
+//! What a step costs: the model of Catalano (5.17-5.19), refitted to this code.
+//!
+//! `T = T_DEM(N) + T_F(N) + T_LS(N) + (T_TRG(N) + T_G(N) + T_LTL(N)) / P_R`, with N grains and a new mesh every `P_R` steps. One thread of
+//! the 2-core machine of `benches/NOTES.md`, 2026-11-25, random packings with 6 pores per grain.
+
+use porograin_linear::Method;
+
+/// Contacts and motion, neighbours made anew now and then, per grain (5.18) [s].
+const DRY: f64 = 1.0e-7;
+/// Volumes carried and forces of the water, per grain (5.3, 5.15) [s].
+const FORCES: f64 = 2.0e-7;
+/// Triangulation, per grain (5.2) [s].
+const TRIANGULATION: f64 = 2.9e-6;
+/// Conductances and coefficients of the coupling, per grain (5.3) [s].
+const CONDUCTANCE: f64 = 7.2e-6;
+/// Factorisation [s]: this times the square of the number of grains (5.11).
+const FACTOR: f64 = 4.0e-9;
+/// Solution with a factor [s]: this times the power 1.8 of the number of grains (5.12).
+const FACTOR_SOLVE: f64 = 2.0e-10;
+/// Set-up of the multigrid and its matrix, per grain [s].
+const MULTIGRID: f64 = 4.0e-6;
+/// An iteration with it, per grain [s].
+const MULTIGRID_ITERATION: f64 = 2.0e-7;
+/// Iterations per step: with a factor, with multigrid; each so many times that in an implicit step.
+const ITERATIONS: [f64; 2] = [1.0, 2.2];
+const IMPLICIT: f64 = 4.0;
+
+/// Seconds of a dry step of `grains` grains.
+pub fn dry(grains: f64) -> f64 {
+    DRY * grains
+}
+
+/// Seconds that the water of `grains` grains and `pores` pores adds to a step, with a new mesh every `period` steps.
+pub fn pores(grains: f64, pores: f64, method: Method, implicit: bool, period: usize) -> f64 {
+    let (set_up, solve, iterations) = match method.for_size(pores as usize, period) {
+        Method::Cholesky => (FACTOR * grains.powi(2), FACTOR_SOLVE * grains.powf(1.8), ITERATIONS[0]),
+        // Nobody simulates with Gauss-Seidel; it costs no less than this.
+        _ => (MULTIGRID * grains, MULTIGRID_ITERATION * grains, ITERATIONS[1]),
+    };
+    let times = if implicit { IMPLICIT } else { 1.0 };
+    let mesh = (TRIANGULATION + CONDUCTANCE) * grains + set_up;
+    times * (FORCES * grains + iterations * solve) + mesh / period as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The steps of `bench coupled` on 5000 and 20 000 grains as measured (`benches/NOTES.md`).
+    #[test]
+    fn the_model_gives_what_was_measured() {
+        for (grains, measured) in [(5000.0, 2.9e-3), (20_000.0, 37e-3)] {
+            let step = dry(grains) + pores(grains, 6.0 * grains, Method::Cholesky, false, usize::MAX);
+            assert!((0.4..2.0).contains(&(step / measured)), "{step} for {measured}");
+        }
+    }
+
+    #[test]
+    fn new_meshes_cost_by_their_frequency() {
+        let with = |period| pores(1e4, 6e4, Method::ConjugateGradients, false, period);
+        let mesh = (TRIANGULATION + CONDUCTANCE + MULTIGRID) * 1e4;
+        assert!((with(100) - with(usize::MAX) - mesh / 100.0).abs() < 1e-9 * mesh);
+    }
+}
