@@ -118,6 +118,18 @@ impl Cholesky {
         Ok(())
     }
 
+    /// `x = A⁻¹ b` all in single precision, for numbers around one.
+    pub fn apply_single(&mut self, b: &[f32], x: &mut [f32]) {
+        for (x, &i) in self.packed.x().iter_mut().zip(&self.order) {
+            *x = b[i as usize];
+        }
+        self.packed.solve();
+        let scale = self.scale as f32;
+        for (y, &i) in self.packed.x().iter().zip(&self.order) {
+            x[i as usize] = *y * scale;
+        }
+    }
+
     /// Entries of the factor.
     pub fn entries(&self) -> usize {
         self.symbolic.len_val()

@@ -190,6 +190,20 @@ impl Finest {
         Sparse { rows, diagonal }
     }
 
+    /// What the rows of the network of clusters sum to.
+    pub fn excess(&self) -> Vec<f64> {
+        let mut sums = vec![0.0; self.starts.len() - 1];
+        for (&cluster, &excess) in self.owner.iter().zip(&self.excess) {
+            sums[cluster as usize] += f64::from(excess);
+        }
+        sums
+    }
+
+    /// One node of each cluster, by its number in the matrix: the last one taken out, where the cluster hangs together.
+    pub fn leaders(&self) -> impl Iterator<Item = u32> {
+        self.starts[1..].iter().map(|&end| self.order[end as usize - 1])
+    }
+
     /// Entries held.
     pub fn entries(&self) -> usize {
         self.shares.len() + self.inverse.len() + self.throats.len()

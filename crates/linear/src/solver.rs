@@ -96,9 +96,9 @@ pub struct Setup {
     pub seconds: f64,
 }
 
-/// Largest number of nodes [`Method::Auto`] factors. A pass over a factor costs 35 ns per node at 7000 nodes, 60 at 28 000 and 130 at
-/// 117 000, a multigrid iteration 22 to 27, of which two or so do what one with a factor does; the factor takes twenty times as long to make.
-const AUTO_CHOLESKY: usize = 15_000;
+/// Largest number of nodes [`Method::Auto`] factors. At 28 000 nodes two iterations to a residual of 1e-3 with multigrid (its network of
+/// clusters factored) cost as much as one with a factor, which takes three times as long to make; at 117 000 less than two thirds.
+const AUTO_CHOLESKY: usize = 20_000;
 /// Fewer expected solves than this do not repay a factorisation: at 190 000 nodes it takes some 3 s, a multigrid solve to 1e-10 with
 /// its set-up 0.3 s.
 const AUTO_SOLVES: usize = 100;
@@ -118,6 +118,8 @@ pub struct Solver {
     nodes: usize,
     entries: usize,
     machine: Machine,
+    /// Positions of the nodes for the next multigrid, which orders its elimination anew; empty where there is none to order.
+    positions: Vec<DVec3>,
     work: Work,
     seconds: f64,
 }
@@ -138,12 +140,19 @@ impl Solver {
         }
         refuse_singular(matrix)?;
         let method = params.method.for_size(n, params.expected_solves);
+        // To order the elimination in multigrid, where that will pay.
+        let positions =
+            positions.filter(|_| method == Method::Cholesky || params.expected_solves >= AUTO_SOLVES);
         let machine = match method {
             Method::Cholesky => Machine::Cholesky(Box::new(Cholesky::new(matrix, positions)?)),
             Method::GaussSeidel => Machine::GaussSeidel,
-            _ => Machine::Multigrid(Box::new(Multigrid::new(matrix))),
+            _ => Machine::Multigrid(Box::new(Multigrid::new(matrix, positions))),
         };
         Ok(Solver {
+            positions: match positions {
+                Some(positions) if method == Method::ConjugateGradients => positions.to_vec(),
+                _ => Vec::new(),
+            },
             params: Params { method, ..*params },
             nodes: n,
             entries: matrix.columns().len(),
@@ -163,7 +172,10 @@ impl Solver {
         refuse_singular(matrix)?;
         match &mut self.machine {
             Machine::Cholesky(cholesky) => cholesky.refresh(matrix)?,
-            Machine::Multigrid(multigrid) => **multigrid = Multigrid::new(matrix),
+            Machine::Multigrid(multigrid) => {
+                **multigrid =
+                    Multigrid::new(matrix, (!self.positions.is_empty()).then_some(&*self.positions));
+            }
             Machine::GaussSeidel => {}
         }
         self.seconds = clock.elapsed().as_secs_f64();

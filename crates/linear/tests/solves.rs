@@ -193,6 +193,41 @@ fn same_bits_on_any_number_of_threads() {
     }
 }
 
+/// The network of clusters is factored for many solves, coarsened further for few: the same answer, in fewer iterations; also for
+/// the values of a refresh.
+#[test]
+fn a_factor_of_the_clusters_saves_iterations() {
+    let net = network(9000, 11);
+    let mut a = matrix(&net);
+    let b = noise(a.nodes(), 5);
+    let solver = |solves: usize| {
+        let params = Params {
+            method: Method::ConjugateGradients,
+            tolerance: 1e-9,
+            expected_solves: solves,
+            ..Params::default()
+        };
+        Solver::new(&a, &params, Some(&net.positions)).unwrap()
+    };
+    let (mut many, mut few) = (solver(1000), solver(1));
+    let stiffer: Vec<f64> =
+        net.conductance.iter().enumerate().map(|(k, g)| g * (1.0 + (k % 7) as f64)).collect();
+    for conductance in [&net.conductance, &stiffer] {
+        a.refresh(conductance, &net.extra).unwrap();
+        let [one, other] = [&mut many, &mut few].map(|solver| {
+            solver.refresh(&a).unwrap();
+            let mut x = vec![0.0; a.nodes()];
+            let info = solver.solve(&a, &b, &mut x).unwrap();
+            assert!(residual(&a, &b, &x) < 1.1e-9);
+            (info.iterations, x)
+        });
+        assert!(one.0 < other.0 && one.0 > 1, "{} {}", one.0, other.0);
+        let size = one.1.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        assert!(one.1.iter().zip(&other.1).all(|(x, y)| (x - y).abs() < 1e-6 * size));
+    }
+    assert!(many.setup().entries > few.setup().entries);
+}
+
 #[test]
 fn what_is_not_a_number_is_an_error() {
     let net = network(300, 1);
