@@ -10,6 +10,18 @@ pub trait Operator {
     fn nodes(&self) -> usize;
     /// `y = A x`; both of length n, every entry of `y` written.
     fn apply(&mut self, x: &[f64], y: &mut [f64]);
+
+    /// `r = b - A x`, returning `r · r`; `sums` is room for sums over chunks.
+    fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
+        self.apply(x, r);
+        vector::residual(b, r, sums)
+    }
+
+    /// `q = A p`, returning `p · q`; `sums` is room for sums over chunks.
+    fn apply_dot(&mut self, p: &[f64], q: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
+        self.apply(p, q);
+        vector::dot(p, q, sums)
+    }
 }
 
 /// An approximate inverse of an operator, symmetric positive definite up to rounding.
@@ -71,8 +83,7 @@ pub fn conjugate_gradients(
     let mut last = f64::INFINITY;
     let mut restarts = 0;
     loop {
-        operator.apply(x, r);
-        let mut norm = vector::residual(b, r, sums).sqrt();
+        let mut norm = operator.residual(b, x, r, sums).sqrt();
         if !norm.is_finite() || !scale.is_finite() {
             check_finite(b, x)?;
             return Err(Error::NotPositive { node: None });
@@ -89,8 +100,7 @@ pub fn conjugate_gradients(
         preconditioner.apply(r, p);
         let mut rz = vector::dot(p, r, sums);
         while norm > target && iterations < params.max_iterations {
-            operator.apply(p, q);
-            let pq = vector::dot(p, q, sums);
+            let pq = operator.apply_dot(p, q, sums);
             if !(rz > 0.0 && pq > 0.0) {
                 return Err(Error::NotPositive { node: None });
             }

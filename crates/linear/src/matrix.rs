@@ -145,6 +145,17 @@ impl Matrix {
         (&self.columns[range.clone()], &self.values[range])
     }
 
+    /// Row `i` times `x`.
+    #[inline(always)]
+    fn product(&self, i: usize, x: &[f64]) -> f64 {
+        let (columns, values) = self.row(i);
+        let mut sum = self.diagonal[i] * x[i];
+        for (&j, &a) in columns.iter().zip(values) {
+            sum += a * x[j as usize];
+        }
+        sum
+    }
+
     /// Where each row starts in [`Matrix::columns`] and [`Matrix::values`], length n + 1.
     pub fn starts(&self) -> &[u32] {
         &self.starts
@@ -182,14 +193,15 @@ impl Operator for &Matrix {
     }
 
     fn apply(&mut self, x: &[f64], y: &mut [f64]) {
-        vector::each(y, |i| {
-            let (columns, values) = self.row(i);
-            let mut sum = self.diagonal[i] * x[i];
-            for (&j, &a) in columns.iter().zip(values) {
-                sum += a * x[j as usize];
-            }
-            sum
-        });
+        vector::each(y, |i| self.product(i, x));
+    }
+
+    fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
+        vector::each_and_sum(r, sums, |i| b[i] - self.product(i, x), |_, r| vector::chunk_dot(r, r))
+    }
+
+    fn apply_dot(&mut self, p: &[f64], q: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
+        vector::each_and_sum(q, sums, |i| self.product(i, p), |range, q| vector::chunk_dot(&p[range], q))
     }
 }
 

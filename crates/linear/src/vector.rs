@@ -71,6 +71,35 @@ pub fn dots(z: &[f64], r: &[f64], q: &[f64], sums: &mut Sums) -> [f64; 2] {
     })
 }
 
+/// `y = f(range)` by chunks, adding up `sum(range, y)` while the chunk is at hand.
+pub fn each_and_sum(
+    y: &mut [f64],
+    sums: &mut Sums,
+    f: impl Fn(usize) -> f64 + Sync,
+    sum: impl Fn(std::ops::Range<usize>, &[f64]) -> f64 + Sync,
+) -> f64 {
+    sums.resize(y.len().div_ceil(CHUNK), [0.0; 2]);
+    let chunk = |(c, (s, y)): (usize, (&mut [f64; 2], &mut [f64]))| {
+        let start = c * CHUNK;
+        y.iter_mut().enumerate().for_each(|(k, y)| *y = f(start + k));
+        *s = [sum(start..start + y.len(), y), 0.0];
+    };
+    if alone(y.len()) {
+        sums.iter_mut().zip(y.chunks_mut(CHUNK)).enumerate().for_each(chunk);
+    } else {
+        sums.par_iter_mut().zip(y.par_chunks_mut(CHUNK)).enumerate().for_each(chunk);
+    }
+    total(sums)[0]
+}
+
+/// `a · b` of one chunk.
+#[inline(always)]
+pub fn chunk_dot(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    let (a, b) = (&a[..n], &b[..n]);
+    interleaved(n, |k| a[k] * b[k])
+}
+
 /// `r = b - r`, returning `r · r`.
 pub fn residual(b: &[f64], r: &mut [f64], sums: &mut Sums) -> f64 {
     sums.resize(b.len().div_ceil(CHUNK), [0.0; 2]);

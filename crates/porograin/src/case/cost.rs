@@ -23,7 +23,7 @@ const MULTIGRID: f64 = 4.0e-6;
 const MULTIGRID_ITERATION: f64 = 2.0e-7;
 /// Iterations per step: with a factor, with multigrid; each so many times that in an implicit step.
 const ITERATIONS: [f64; 2] = [1.0, 2.2];
-const IMPLICIT: f64 = 4.0;
+const IMPLICIT: f64 = 5.5;
 
 /// Seconds of a dry step of `grains` grains.
 pub fn dry(grains: f64) -> f64 {
