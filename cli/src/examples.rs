@@ -100,6 +100,9 @@ const EXAMPLES: &[Example] = &[
         files: &[
             ("case.toml", include_str!("../../examples/13-triaxial/case.toml")),
             ("loose.toml", include_str!("../../examples/13-triaxial/loose.toml")),
+            ("cell-dense.toml", include_str!("../../examples/13-triaxial/cell-dense.toml")),
+            ("cell-loose.toml", include_str!("../../examples/13-triaxial/cell-loose.toml")),
+            ("cell.svg", include_str!("../../examples/13-triaxial/cell.svg")),
             ("README.md", include_str!("../../examples/13-triaxial/README.md")),
             ("curves.svg", include_str!("../../examples/13-triaxial/curves.svg")),
         ],

@@ -73,6 +73,25 @@ fn dense_peaks_and_dilates_loose_contracts_and_both_end_in_one_state() {
     close(loose.mean(0.2, 0.28, POROSITY), 0.438, 0.004, "critical porosity of the loose sample");
 }
 
+/// Without walls the same grains are as dense as in the thesis, 0.37, and again there is one critical state.
+#[test]
+fn without_walls_a_sample_is_as_dense_as_in_the_thesis() {
+    let (dense, loose) = (Test::run("cell-dense.toml", &[]), Test::run("cell-loose.toml", &[]));
+    // Means of three samples each; what is allowed is their scatter.
+    close(dense.porosity, 0.37, 0.001, "porosity of the dense sample");
+    close(loose.porosity, 0.4275, 0.004, "porosity of the loose sample");
+    close(dense.mean(0.03, 0.05, DEVIATOR), 98e3, 4e3, "peak of the dense sample");
+    close(loose.mean(0.03, 0.05, DEVIATOR), 33e3, 3e3, "deviator of the loose sample at the same strain");
+    close(dense.contraction(), 0.0087, 0.001, "contraction of the dense sample");
+    close(dense.mean(0.2, 0.28, VOLUME), -0.061, 0.01, "dilation of the dense sample");
+    close(loose.mean(0.2, 0.28, VOLUME), 0.033, 0.006, "contraction of the loose sample");
+    let [a, b] = [&dense, &loose].map(|test| test.mean(0.2, 0.28, DEVIATOR));
+    close(a, 55e3, 3e3, "critical deviator of the dense sample");
+    close(b, 55e3, 3e3, "critical deviator of the loose sample");
+    close(dense.mean(0.2, 0.28, POROSITY), 0.406, 0.005, "critical porosity of the dense sample");
+    close(loose.mean(0.2, 0.28, POROSITY), 0.408, 0.003, "critical porosity of the loose sample");
+}
+
 /// The 5000 grains of the thesis, where the walls loosen less.
 #[test]
 #[ignore = "long: two samples of 5000 grains, half a minute of CPU each"]

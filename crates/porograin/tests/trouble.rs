@@ -7,6 +7,10 @@ use std::path::Path;
 
 /// One grain between two walls, of which the top does what `top` says.
 fn squeezed(top: &str, until: &str, more: &str) -> Simulation {
+    squeezed_with(top, until, more, "")
+}
+
+fn squeezed_with(top: &str, until: &str, more: &str, walls: &str) -> Simulation {
     let text = format!(
         r#"
 title = "One grain in a box"
@@ -25,6 +29,7 @@ solid = {top}
 [[stage]]
 name = "squeeze"
 until = {until}
+{walls}
 "#
     );
     let case = Case::from_text("case.toml", &text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}"));
@@ -91,4 +96,49 @@ fn a_servo_off_its_stress_at_the_end_is_told() {
     let all =
         told(squeezed(servo, "{ stress-error = 0.01, unbalanced = 0.01, max-steps = 100000 }", "")).unwrap();
     assert_eq!(all, []);
+}
+
+/// Each sign stops the run where the case asks for it, named with its place, time and likely cause, and is not told where it is to be ignored.
+#[test]
+fn every_sign_stops_or_keeps_quiet_by_choice() {
+    let plate = r#"
+[[wall]]
+name = "plate"
+shape = { rectangle = { corner = [0.0, 0.0, 0.0199], edges = [[0.02, 0.0, 0.0], [0.0, 0.02, 0.0]] } }
+motion = { servo = { along = [0.0, 0.0, -1.0], load = { force = 5.0 }, speed = 1e-6 } }
+"#;
+    let servo = "{ servo = { stress = 100.0 } }";
+    for (key, top, until, more, words) in [
+        (
+            "outside",
+            "{ moving = { velocity = [0.0, 0.0, -500.0] } }",
+            "{ time = 3e-5 }",
+            "time-step = { fixed = 1e-6 }",
+            "the centre of grain 0 passed",
+        ),
+        ("deep-overlap", DOWN, "{ time = 0.013 }", "time-step = { fixed = 1e-5 }", "grain 0 overlaps the "),
+        (
+            "long-step",
+            "\"fixed\"",
+            "{ steps = 3 }",
+            "time-step = { fixed = 1.0 }",
+            "is longer than the stability limit",
+        ),
+        ("servo", servo, "{ steps = 5 }", "", "the stress on the top wall is "),
+        ("servo", "\"fixed\"", "{ steps = 5 }", plate, "the force on the wall `plate` is "),
+    ] {
+        let run = |what: &str| {
+            let others = if key == "deep-overlap" { "" } else { "deep-overlap = \"ignore\", " };
+            let on = format!("on = {{ {others}{key} = \"{what}\" }}");
+            let (walls, step) = if more.contains("[[wall]]") { (more, "") } else { ("", more) };
+            told(squeezed_with(top, until, &format!("{step}\n{on}"), walls))
+        };
+        let stopped = run("stop").unwrap_err();
+        let text = stopped.to_string();
+        assert!(matches!(stopped, RunError::Trouble { .. }) && text.contains(words), "{key}: {text}");
+        assert!(text.contains("in the stage `squeeze`") && text.contains("at t = "), "{key}: {text}");
+        let warned = run("warn").unwrap();
+        assert!(warned.len() == 1 && warned[0].to_string().contains(words), "{key}: {warned:?}");
+        assert_eq!(run("ignore").unwrap(), [], "{key}");
+    }
 }
