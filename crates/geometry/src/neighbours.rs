@@ -4,11 +4,16 @@ mod periodic;
 
 use crate::cell::Cell;
 use crate::period::Period;
-use crate::triangulation::FIRST_WALL;
+use crate::triangulation::{FIRST_WALL, wall};
 use glam::{DVec3, IVec3};
+use rayon::prelude::*;
 
 /// Part of the mean radius by which a pair may be apart and still be listed, unless set otherwise.
 const SKIN: f64 = 0.15;
+/// Round-off of places in terms of the skin: far above that of the coordinates of any sample that fits into memory.
+const ROUND_OFF: f64 = 1e-6;
+/// Grains handed to a thread at once.
+const CHUNK: usize = 8192;
 
 /// The near pairs: every pair whose surfaces are closer than the skin, and none twice.
 ///
@@ -24,6 +29,8 @@ pub struct Neighbours {
     pub pairs: Vec<[u32; 2]>,
     /// Largest gap of a listed pair when the list was built [m].
     skin: f64,
+    /// See [`closer`](Self::closer) [m].
+    closer: f64,
     /// Centres, radii and box when the list was built.
     position: Vec<DVec3>,
     radius: Vec<f64>,
@@ -38,10 +45,12 @@ impl Neighbours {
     ///
     /// `position` and `radius` [m] hold one entry per grain, `reach` [m] is the gap up to which a law acts.
     pub fn refresh(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
-        if self.holds(cell, position, radius, reach) {
+        self.closer = self.approached(cell, position, radius);
+        if self.closer <= self.skin - reach {
             return false;
         }
         self.build(cell, position, radius, reach);
+        self.closer = 0.0;
         true
     }
 
@@ -58,29 +67,47 @@ impl Neighbours {
         self.skin
     }
 
-    /// Whether no surface has moved so far that an unlisted pair could be within `reach`.
-    fn holds(&self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
-        let Some(old) = &self.cell else { return false };
+    /// How much closer the surfaces of any pair may be now than when the list was built [m].
+    pub fn closer(&self) -> f64 {
+        self.closer
+    }
+
+    /// The gap of a listed pair when the list was built [m].
+    pub fn gaps(&self) -> impl Fn([u32; 2]) -> f64 + '_ {
+        let period = self.cell.as_ref().and_then(Period::of);
+        move |[i, j]| {
+            let (i, j) = (i as usize, j as usize);
+            match (wall(j as u32), &self.cell) {
+                (Some(face), Some(cell)) => {
+                    (cell.wall_position(face) - self.position[i][face / 2]).abs() - self.radius[i]
+                }
+                _ => {
+                    let branch = self.position[j] - self.position[i];
+                    let shift = period.as_ref().map_or(DVec3::ZERO, |period| period.nearest(branch));
+                    (branch + shift).length() - self.radius[i] - self.radius[j]
+                }
+            }
+        }
+    }
+
+    /// How much closer the surfaces of any pair may have come since the list was built [m]; without a list of these grains
+    /// there is no telling.
+    fn approached(&self, cell: &Cell, position: &[DVec3], radius: &[f64]) -> f64 {
+        let Some(old) = &self.cell else { return f64::INFINITY };
         if position.len() != self.position.len() || cell.periodic != old.periodic {
-            return false;
+            return f64::INFINITY;
         }
-        if let Some(period) = Period::of(cell) {
-            return self.holds_periodic(cell, old, &period, position, radius, reach);
-        }
-        let allowed = 0.5 * (self.skin - reach);
-        let lower = (cell.origin - old.origin).abs().max_element();
-        let upper = (cell.upper() - old.upper()).abs().max_element();
-        if lower.max(upper) > allowed {
-            return false;
-        }
-        let mut worst = f64::NEG_INFINITY;
-        for k in 0..position.len() {
-            // |dx| + dR <= allowed, without the root: a shrinking grain only helps.
-            let spare = allowed - (radius[k] - self.radius[k]).max(0.0);
-            let moved = (position[k] - self.position[k]).length_squared();
-            worst = worst.max(moved - spare * spare.abs());
-        }
-        worst <= 0.0
+        let grown = most(radius, &self.radius, |now, then| now - then);
+        let (moved, strained) = match Period::of(cell) {
+            Some(period) => self.strained(cell, old, &period, position),
+            None => {
+                let lower = (cell.origin - old.origin).abs().max_element();
+                let upper = (cell.upper() - old.upper()).abs().max_element();
+                let moved = most(position, &self.position, |now, then| (now - then).length_squared()).sqrt();
+                (moved.max(lower).max(upper), 0.0)
+            }
+        };
+        2.0 * (moved + grown) + strained + ROUND_OFF * self.skin
     }
 
     fn build(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) {
@@ -128,6 +155,24 @@ impl Neighbours {
             }
         }
     }
+}
+
+/// The largest of `of(now, then)`, or zero; what is not a number counts for nothing.
+fn most<T: Copy + Sync>(now: &[T], then: &[T], of: impl Fn(T, T) -> f64 + Sync) -> f64 {
+    let larger = |a: f64, b: f64| if b > a { b } else { a };
+    let chunk = |(now, then): (&[T], &[T])| {
+        // Four at a time, so that no comparison waits for the one before.
+        let ((fours, rest), (olds, old)) = (now.as_chunks::<4>(), then.as_chunks::<4>());
+        let mut most = [0.0; 4];
+        for (now, then) in fours.iter().zip(olds) {
+            for lane in 0..4 {
+                most[lane] = larger(most[lane], of(now[lane], then[lane]));
+            }
+        }
+        let rest = rest.iter().zip(old).map(|(&now, &then)| of(now, then));
+        rest.chain(most).fold(0.0, larger)
+    };
+    now.par_chunks(CHUNK).zip(then.par_chunks(CHUNK)).map(chunk).reduce(|| 0.0, larger)
 }
 
 /// Grains sorted into cubes at least as large as the longest distance of a near pair.
@@ -211,7 +256,6 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::triangulation::wall;
 
     /// A fixed sequence of numbers in [0, 1).
     fn numbers(seed: u64) -> impl FnMut() -> f64 {

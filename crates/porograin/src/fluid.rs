@@ -211,7 +211,7 @@ fn renew(
     // The longest step there may be: over shorter ones compressible water damps less.
     let longest = || match model.time_step {
         TimeStep::Fixed(dt) => dt,
-        TimeStep::Automatic { .. } => stability::limit(state, model, &mut Vec::new()).seconds,
+        TimeStep::Automatic { .. } => stability::limit(state, model).seconds,
     };
     let empty = |interval| Store { surplus: Vec::new(), void: 0.0, interval };
     let store = recipe.bulk_modulus.map(|_| empty(longest()));

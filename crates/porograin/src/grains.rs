@@ -1,6 +1,7 @@
 //! The arrays everything works on: grains, and the loads that act on them.
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What the grains are.
@@ -146,13 +147,16 @@ pub struct Push {
     pub moment: DVec3,
 }
 
+/// Loads set to zero by a thread at once.
+const CLEARED: usize = 8192;
+
 impl Loads {
     /// Zero loads for `n` grains, keeping the memory.
     pub fn clear(&mut self, n: usize) {
-        self.force.clear();
-        self.force.resize(n, DVec3::ZERO);
-        self.torque.clear();
-        self.torque.resize(n, DVec3::ZERO);
+        for list in [&mut self.force, &mut self.torque] {
+            list.resize(n, DVec3::ZERO);
+            list.par_chunks_mut(CLEARED).for_each(|part| part.fill(DVec3::ZERO));
+        }
         self.wall = [DVec3::ZERO; 6];
         self.walls.clear();
         self.cell = DMat3::ZERO;

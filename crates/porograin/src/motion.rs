@@ -122,24 +122,36 @@ fn move_grains(
         Shape::Disc { .. } => (DVec3::new(1.0, 0.0, 1.0), DVec3::Y),
     };
     let Grains { position, velocity, spin, radius, mass, .. } = grains;
-    (position, velocity, spin, &*radius, &*mass, &loads.force, &loads.torque, &felt.force, &felt.torque)
-        .into_par_iter()
-        .with_min_len(BLOCK)
-        .for_each(|(position, velocity, spin, &radius, &mass, &force, &torque, &felt, &turned)| {
+    let block = |k: usize, position: &mut [DVec3], velocity: &mut [DVec3], spin: &mut [DVec3]| {
+        let range = k * BLOCK..k * BLOCK + position.len();
+        let what = radius[range.clone()].iter().zip(&mass[range.clone()]);
+        let pushes = loads.force[range.clone()].iter().zip(&loads.torque[range.clone()]);
+        let felts = felt.force[range.clone()].iter().zip(&felt.torque[range]);
+        let grains = position.iter_mut().zip(velocity).zip(spin).zip(what);
+        for ((((position, velocity), spin), (&radius, &mass)), ((&force, &torque), (&felt, &turned))) in
+            grains.zip(pushes.zip(felts))
+        {
             let mobility = kick / mass;
             *velocity += mobility * damped(force * along, felt * along, rate(*position, *velocity), damping);
             *spin += mobility / (gyration * radius * radius)
                 * damped(torque * about, turned * about, *spin, damping);
             *position += dt * *velocity;
-        });
+        }
+    };
+    let parts = (position.par_chunks_mut(BLOCK), velocity.par_chunks_mut(BLOCK), spin.par_chunks_mut(BLOCK));
+    parts
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(k, (position, velocity, spin))| block(k, position, velocity, spin));
 }
 
 /// The load less the local damping `D |felt| sign(v)`, per component.
 #[inline(always)]
 pub fn damped(load: DVec3, felt: DVec3, rate: DVec3, damping: f64) -> DVec3 {
     let drag = |load: f64, felt: f64, rate: f64| {
-        let sign = f64::from(rate > 0.0) - f64::from(rate < 0.0);
-        load - damping * felt.abs() * sign
+        // The sign of a velocity; nothing slows what is at rest.
+        let size = if rate != 0.0 { damping * felt.abs() } else { 0.0 };
+        load - size.copysign(rate)
     };
     DVec3::new(drag(load.x, felt.x, rate.x), drag(load.y, felt.y, rate.y), drag(load.z, felt.z, rate.z))
 }

@@ -21,6 +21,8 @@ use crate::state::State;
 use crate::walls;
 use glam::DVec3;
 use porograin_geometry::triangulation::wall;
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// The longest stable time step and its cause.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,11 +76,11 @@ pub fn due(state: &State, model: &Model) -> bool {
 }
 
 /// The length of the coming step [s], and the limit if it was renewed.
-pub fn time_step(state: &State, model: &Model, scratch: &mut Vec<Held>) -> (f64, Option<Limit>) {
+pub fn time_step(state: &State, model: &Model) -> (f64, Option<Limit>) {
     match model.time_step {
         TimeStep::Fixed(dt) => (dt, None),
         TimeStep::Automatic { safety } if due(state, model) => {
-            let limit = with_water(limit(state, model, scratch), state, model);
+            let limit = with_water(limit(state, model), state, model);
             (safety * limit.seconds, Some(limit))
         }
         TimeStep::Automatic { .. } => (state.dt, None),
@@ -110,7 +112,7 @@ pub fn explicit(contacts: Limit, lambda: f64, damping: f64) -> Limit {
 
 /// How a grain is held by its contacts: the blocks `A`, `B` and the vector of `C`, each over the grain's mass.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Held {
+struct Held {
     isotropic: [f64; 2],
     along: [[f64; 6]; 2],
     across: DVec3,
@@ -136,10 +138,10 @@ impl Held {
         self.contacts += 1;
     }
 
-    /// Upper bound of the largest eigenvalue of `[A C; Cᵀ B]`.
-    fn bound(&self) -> f64 {
-        let a = self.isotropic[0] + largest_eigenvalue(self.along[0]);
-        let b = self.isotropic[1] + largest_eigenvalue(self.along[1]);
+    /// Upper bound of the largest eigenvalue of `[A C; Cᵀ B]`, from those of the symmetric parts of `A` and `B`.
+    fn bound(&self, largest: fn([f64; 6]) -> f64) -> f64 {
+        let a = self.isotropic[0] + largest(self.along[0]);
+        let b = self.isotropic[1] + largest(self.along[1]);
         0.5 * (a + b) + (0.25 * (a - b) * (a - b) + self.across.length_squared()).sqrt()
     }
 }
@@ -147,85 +149,167 @@ impl Held {
 /// The limit for the contacts as they are. A grain is never taken to be freer than if it were held
 /// from three sides by twins as stiff as its contact with the largest grain, so that grains in flight, and
 /// contacts that form before the next look, are provided for.
-pub fn limit(state: &State, model: &Model, held: &mut Vec<Held>) -> Limit {
-    let (grains, laws) = (&state.grains, &model.contact);
-    let surroundings = Surroundings::new(grains, &state.domain, &model.faces, &model.walls, laws);
-    let n = grains.len();
-    // Behind the springs of all grains, where there are any, their dampers.
-    held.clear();
-    held.resize(if laws.is_plain() { n } else { 2 * n }, Held::default());
-    let pistons = crate::motion::pistons(model, grains);
-    let mut piston = [[0.0; 2]; 6];
-    let servoed: Vec<_> = model.walls.iter().map(|wall| walls::motion::servoed(wall, state)).collect();
-    let mut pushed = vec![[0.0; 2]; servoed.len()];
-    let mut cell = Stretched::new(state, model);
-    for &pair in &state.contacts.pairs {
-        let touch = surroundings.touch(pair);
-        let stiffness = surroundings.law(pair).stiffness(&touch);
-        let levers = touch.levers();
-        cell.add(pair, &touch, &stiffness);
-        let i = pair[0] as usize;
-        let mut hold = |k: usize, side: usize, other: f64| {
-            let share = (1.0 + (grains.mass[k] / other).sqrt()) / grains.mass[k];
-            let normal = if side == 0 { touch.normal } else { -touch.normal };
-            let gyration = 0.4_f64.sqrt() * grains.radius[k];
-            held[k].add(normal, share, &stiffness, levers[side], gyration);
-            if let Some(held) = held.get_mut(n + k) {
-                held.add(normal, share, &stiffness.dampers(), levers[side], gyration);
-            }
-        };
-        match wall(pair[1]) {
-            None => {
-                hold(i, 0, grains.mass[pair[1] as usize]);
-                hold(pair[1] as usize, 1, grains.mass[i]);
-            }
-            Some(6..) => {
-                let wall = walls::find(&model.walls, pair[1]).0;
-                hold(i, 0, servoed[wall].map_or(f64::INFINITY, |(mass, _)| mass));
-                if let Some((mass, along)) = servoed[wall] {
-                    let share = (1.0 + (mass / grains.mass[i]).sqrt()) / mass;
-                    let cosine = along.dot(touch.normal);
-                    let part = |normal: f64, shear: f64| share * (shear + (normal - shear) * cosine * cosine);
-                    pushed[wall][0] += part(stiffness.normal, stiffness.shear);
-                    pushed[wall][1] += part(stiffness.normal_damper, stiffness.shear_damper);
-                }
-            }
-            Some(face) => {
-                hold(i, 0, pistons[face].unwrap_or(f64::INFINITY));
-                if let Some(mass) = pistons[face] {
-                    let share = (1.0 + (mass / grains.mass[i]).sqrt()) / mass;
-                    piston[face][0] += share * stiffness.normal;
-                    piston[face][1] += share * stiffness.normal_damper;
-                }
-            }
-        }
-    }
-    let mut worst = (0.0, Cause::Nothing);
-    let mut claim = |pace: f64, cause: Cause| {
-        if pace > worst.0 {
-            worst = (pace, cause);
-        }
+pub fn limit(state: &State, model: &Model) -> Limit {
+    let grains = &state.grains;
+    let surroundings = Surroundings::new(grains, &state.domain, &model.faces, &model.walls, &model.contact);
+    let motion = Motion {
+        pistons: crate::motion::pistons(model, grains),
+        servoed: model.walls.iter().map(|wall| walls::motion::servoed(wall, state)).collect(),
+        largest: grains.radius.iter().fold(0.0, |a: f64, &r| a.max(r)),
+        fastest: grains.velocity.iter().fold(0.0, |a: f64, v| a.max(v.length_squared())).sqrt(),
     };
-    let largest = grains.radius.iter().fold(0.0, |a: f64, &r| a.max(r));
-    let fastest = grains.velocity.iter().fold(0.0, |a: f64, v| a.max(v.length_squared())).sqrt();
-    let mut flight = Flight { laws, largest, fastest, last: None };
-    for k in 0..n {
-        claim(flight.pace(grains, k), Cause::Flight(grains.id[k]));
-        let damper = held.get(n + k).map_or(0.0, Held::bound);
-        if held[k].contacts > 0 {
-            claim(pace(held[k].bound(), damper), Cause::Grain(grains.id[k]));
-        }
+    let part = grains.len().div_ceil(PARTS).max(1);
+    let look = |k: usize| {
+        let range = k * part..((k + 1) * part).min(grains.len());
+        let seen = Seen::new(state, model);
+        if range.is_empty() { seen } else { seen.look(range, &surroundings, &state.contacts.pairs, &motion) }
+    };
+    let parts: Vec<Seen> = (0..PARTS).into_par_iter().map(look).collect();
+    let mut all = Seen::new(state, model);
+    parts.iter().for_each(|seen| all.take_in(seen));
+    for (face, piston) in all.piston.iter().enumerate() {
+        claim(&mut all.worst, pace(piston[0], piston[1]), Cause::Piston(face));
     }
-    for face in 0..6 {
-        claim(pace(piston[face][0], piston[face][1]), Cause::Piston(face));
+    for (wall, pushed) in all.pushed.iter().enumerate() {
+        claim(&mut all.worst, pace(pushed[0], pushed[1]), Cause::Wall(wall));
     }
-    for (wall, pushed) in pushed.iter().enumerate() {
-        claim(pace(pushed[0], pushed[1]), Cause::Wall(wall));
-    }
+    let (worst, cell) = (all.worst, all.cell);
     let own = pace(cell.squared, cell.rate);
     // Springs add as squares, dampers as they are.
     let both = if cell.rate == 0.0 { worst.0.hypot(own) } else { worst.0 + own };
     Limit { seconds: 1.0 / both, cause: if own > worst.0 { Cause::Cell } else { worst.1 } }
+}
+
+/// What holds a grain takes more memory than the grain: so many parts of the grains are looked at by turns.
+const PARTS: usize = 8;
+
+/// What moves beside the grains, and how the grains do.
+struct Motion {
+    /// Masses of pistons [kg].
+    pistons: [Option<f64>; 6],
+    /// Masses of servoed walls that the case adds [kg], and where to they move.
+    servoed: Vec<Option<(f64, DVec3)>>,
+    /// Largest radius [m].
+    largest: f64,
+    /// Greatest speed [m/s].
+    fastest: f64,
+}
+
+/// What was seen of some grains and of the contacts of which they are the first.
+struct Seen {
+    /// The fastest pace [1/s] and its cause.
+    worst: (f64, Cause),
+    /// Springs and dampers of pistons, over their mass.
+    piston: [[f64; 2]; 6],
+    /// Those of the walls that the case adds.
+    pushed: Vec<[f64; 2]>,
+    cell: Stretched,
+}
+
+/// Keeps the faster pace and its cause; of two the first.
+fn claim(worst: &mut (f64, Cause), pace: f64, cause: Cause) {
+    if pace > worst.0 {
+        *worst = (pace, cause);
+    }
+}
+
+impl Seen {
+    fn new(state: &State, model: &Model) -> Self {
+        let pushed = vec![[0.0; 2]; model.walls.len()];
+        Seen {
+            worst: (0.0, Cause::Nothing),
+            piston: [[0.0; 2]; 6],
+            pushed,
+            cell: Stretched::new(state, model),
+        }
+    }
+
+    fn take_in(&mut self, other: &Seen) {
+        claim(&mut self.worst, other.worst.0, other.worst.1);
+        let ours = self.piston.iter_mut().chain(&mut self.pushed).flatten();
+        ours.zip(other.piston.iter().chain(&other.pushed).flatten()).for_each(|(sum, part)| *sum += part);
+        self.cell.squared += other.cell.squared;
+        self.cell.rate += other.cell.rate;
+    }
+
+    fn look(
+        mut self,
+        range: Range<usize>,
+        surroundings: &Surroundings,
+        pairs: &[[u32; 2]],
+        motion: &Motion,
+    ) -> Self {
+        let (grains, laws) = (surroundings.grains, surroundings.laws);
+        let (start, n) = (range.start, range.len());
+        // Behind the springs of all grains, where there are any, their dampers.
+        let mut held = vec![Held::default(); if laws.is_plain() { n } else { 2 * n }];
+        for &pair in pairs {
+            let [i, j] = pair.map(|k| k as usize);
+            if i >= range.end {
+                break;
+            }
+            // Contacts with the grains before count for the second only.
+            let (own, other) = (i >= start, range.contains(&j));
+            if !(own || other) {
+                continue;
+            }
+            let touch = surroundings.touch(pair);
+            let stiffness = surroundings.law(pair).stiffness(&touch);
+            let levers = touch.levers();
+            let mut hold = |k: usize, side: usize, other: f64| {
+                let share = (1.0 + (grains.mass[k] / other).sqrt()) / grains.mass[k];
+                let normal = if side == 0 { touch.normal } else { -touch.normal };
+                let gyration = 0.4_f64.sqrt() * grains.radius[k];
+                held[k - start].add(normal, share, &stiffness, levers[side], gyration);
+                if let Some(held) = held.get_mut(n + k - start) {
+                    held.add(normal, share, &stiffness.dampers(), levers[side], gyration);
+                }
+            };
+            if other {
+                hold(j, 1, grains.mass[i]);
+            }
+            if !own {
+                continue;
+            }
+            self.cell.add(pair, &touch, &stiffness);
+            match wall(pair[1]) {
+                None => hold(i, 0, grains.mass[j]),
+                Some(6..) => {
+                    let wall = walls::find(surroundings.walls, pair[1]).0;
+                    hold(i, 0, motion.servoed[wall].map_or(f64::INFINITY, |(mass, _)| mass));
+                    if let Some((mass, along)) = motion.servoed[wall] {
+                        let share = (1.0 + (mass / grains.mass[i]).sqrt()) / mass;
+                        let cosine = along.dot(touch.normal);
+                        let part =
+                            |normal: f64, shear: f64| share * (shear + (normal - shear) * cosine * cosine);
+                        self.pushed[wall][0] += part(stiffness.normal, stiffness.shear);
+                        self.pushed[wall][1] += part(stiffness.normal_damper, stiffness.shear_damper);
+                    }
+                }
+                Some(face) => {
+                    hold(i, 0, motion.pistons[face].unwrap_or(f64::INFINITY));
+                    if let Some(mass) = motion.pistons[face] {
+                        let share = (1.0 + (mass / grains.mass[i]).sqrt()) / mass;
+                        self.piston[face][0] += share * stiffness.normal;
+                        self.piston[face][1] += share * stiffness.normal_damper;
+                    }
+                }
+            }
+        }
+        let mut flight = Flight { laws, largest: motion.largest, fastest: motion.fastest, last: None };
+        for k in range {
+            claim(&mut self.worst, flight.pace(grains, k), Cause::Flight(grains.id[k]));
+            let (springs, dampers) = (&held[k - start], held.get(n + k - start));
+            let paced = |largest: fn([f64; 6]) -> f64| {
+                pace(springs.bound(largest), dampers.map_or(0.0, |dampers| dampers.bound(largest)))
+            };
+            // Few grains are anywhere near the worst: the others are told by a bound that costs less.
+            if springs.contacts > 0 && paced(above_eigenvalues) > self.worst.0 {
+                claim(&mut self.worst, paced(largest_eigenvalue), Cause::Grain(grains.id[k]));
+            }
+        }
+        self
+    }
 }
 
 /// How the components of a periodic cell that hold a stress are held by the contacts.
@@ -312,14 +396,28 @@ impl Flight<'_> {
     }
 }
 
-/// Largest eigenvalue of a symmetric 3 x 3 matrix `[xx, yy, zz, yz, xz, xy]`, by the trigonometric formula.
-fn largest_eigenvalue([xx, yy, zz, yz, xz, xy]: [f64; 6]) -> f64 {
+/// Mean of the eigenvalues of a symmetric 3 x 3 matrix `[xx, yy, zz, yz, xz, xy]`, and how far they may be from it:
+/// they are `mean + 2 size cos(..)`.
+fn spread([xx, yy, zz, yz, xz, xy]: [f64; 6]) -> (f64, f64) {
     let mean = (xx + yy + zz) / 3.0;
     let (a, b, c) = (xx - mean, yy - mean, zz - mean);
-    let size = ((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0).sqrt();
+    (mean, ((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0).sqrt())
+}
+
+/// An upper bound of them.
+fn above_eigenvalues(matrix: [f64; 6]) -> f64 {
+    let (mean, size) = spread(matrix);
+    mean + 2.0 * size
+}
+
+/// The largest of them, by the trigonometric formula.
+fn largest_eigenvalue(matrix: [f64; 6]) -> f64 {
+    let (mean, size) = spread(matrix);
     if size <= 1e-14 * mean.abs() {
         return mean;
     }
+    let [xx, yy, zz, yz, xz, xy] = matrix;
+    let (a, b, c) = (xx - mean, yy - mean, zz - mean);
     let determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
     let angle = (0.5 * determinant / (size * size * size)).clamp(-1.0, 1.0).acos() / 3.0;
     mean + 2.0 * size * angle.cos()

@@ -203,7 +203,7 @@ pub fn look(state: &State, model: &Model, found: &mut Vec<Trouble>) {
     });
     found.extend(deep);
     if let TimeStep::Fixed(step) = model.time_step {
-        let limit = stability::with_water(stability::limit(state, model, &mut Vec::new()), state, model);
+        let limit = stability::with_water(stability::limit(state, model), state, model);
         if step > limit.seconds {
             found.push(Trouble::LongStep { step, limit, time });
         }

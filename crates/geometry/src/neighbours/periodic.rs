@@ -1,50 +1,40 @@
 //! The near pairs of a cell that is periodic along some axes, sheared or not.
 
-use super::Neighbours;
+use super::{Neighbours, most};
 use crate::cell::Cell;
 use crate::period::Period;
 use crate::triangulation::FIRST_WALL;
 use glam::{DMat3, DVec3};
 
 impl Neighbours {
-    /// Whether no surface has moved so far, besides following the deformation of the lattice, that an unlisted pair
-    /// could be within `reach`.
+    /// How far a grain or a wall has moved at most since the list was built, besides following the deformation of the lattice,
+    /// and what that deformation adds to how much closer a pair may be [m].
     ///
     /// With `F` the deformation since the list was built and `u_k = x_k - F X_k` what grain k did besides, the images of
     /// a pair that were `b` apart are now `F b + u_j - u_i` apart: no closer than `(1 - |F - 1|) |b| - |u_i| - |u_j|`.
-    pub(super) fn holds_periodic(
+    pub(super) fn strained(
         &self,
         cell: &Cell,
         old: &Cell,
         period: &Period,
         position: &[DVec3],
-        radius: &[f64],
-        reach: f64,
-    ) -> bool {
+    ) -> (f64, f64) {
         let change = deformation(old, cell);
         let difference = change - DMat3::IDENTITY;
         let strain = difference.to_cols_array().iter().map(|d| d * d).sum::<f64>().sqrt();
-        let mut allowed = 0.5 * (self.skin - reach - strain * 0.5 * self.room());
-        if (0..6).any(|face| {
-            !cell.periodic[face / 2]
-                && (cell.wall_position(face) - old.wall_position(face)).abs()
-                    > allowed - strain * cell.edges.col(face / 2).length()
-        }) {
-            return false;
-        }
-        // Round-off of the nearest image below.
-        allowed -= 1e-12 * cell.edges.to_cols_array().iter().fold(0.0, |a: f64, e| a.max(e.abs()));
-        let mut worst = f64::NEG_INFINITY;
-        for k in 0..position.len() {
-            let spare = allowed - (radius[k] - self.radius[k]).max(0.0);
-            let mut moved = position[k] - cell.origin - change * (self.position[k] - old.origin);
-            if moved.length_squared() > spare * spare {
+        let walls = (0..6).filter(|face| !cell.periodic[face / 2]).map(|face| {
+            let moved = (cell.wall_position(face) - old.wall_position(face)).abs();
+            moved + strain * cell.edges.col(face / 2).length()
+        });
+        let grains = most(position, &self.position, |now, then| {
+            let mut moved = now - cell.origin - change * (then - old.origin);
+            if moved.length_squared() > self.skin * self.skin {
                 // It may have been wrapped.
                 moved += period.nearest(moved);
             }
-            worst = worst.max(moved.length_squared() - spare * spare.abs());
-        }
-        worst <= 0.0
+            moved.length_squared()
+        });
+        (walls.fold(grains.sqrt(), f64::max), strain * 0.5 * self.room())
     }
 
     /// Lists every pair closer than the skin; `size` is the longest distance of such a pair [m].

@@ -146,8 +146,7 @@ fn consolidate(
     let top = state.domain.cell.upper().z;
     let timed = timed(state, &model, steps)?;
     let water = &timed.water;
-    let limit =
-        crate::stability::with_water(crate::stability::limit(state, &model, &mut Vec::new()), state, &model);
+    let limit = crate::stability::with_water(crate::stability::limit(state, &model), state, &model);
     let bench = CoupledBench {
         grains: state.grains.len(),
         contacts: state.contacts.len(),

@@ -100,7 +100,7 @@ impl Case {
         let mut implied = Vec::new();
         for stage in &stages {
             let model = &stage.model;
-            let limit = stability::limit(&state, model, &mut Vec::new());
+            let limit = stability::limit(&state, model);
             let (time_step, cause) = match model.time_step {
                 TimeStep::Automatic { safety } => (safety * limit.seconds, limit.cause.to_string()),
                 TimeStep::Fixed(dt) => (dt, "fixed by the case".into()),

@@ -17,7 +17,8 @@ pub fn follow(
     scratch: &mut Scratch,
 ) {
     if rebuilt || scratch.known != contacts.len() {
-        scratch.apart.clear();
+        (scratch.apart.clear(), scratch.soon.clear());
+        scratch.level = 0.0;
         let mut touching = contacts.pairs.iter().peekable();
         for pair in &near.pairs {
             while touching.next_if(|t| *t < pair).is_some() {}
@@ -26,11 +27,17 @@ pub fn follow(
             }
         }
     }
+    // Pairs that were further apart when the list was made than any two have come closer since need no look.
+    if scratch.level == 0.0 || near.closer() >= scratch.level {
+        scratch.level = (2.0 * near.closer()).max(near.skin() / 16.0);
+        let gap = near.gaps();
+        scratch.soon.extend(scratch.apart.extract_if(.., |pair| gap(*pair) < scratch.level));
+    }
     scratch.born.clear();
     let mut k = 0;
-    while k < scratch.apart.len() {
-        if surroundings.touches(scratch.apart[k]) {
-            scratch.born.push(scratch.apart.swap_remove(k));
+    while k < scratch.soon.len() {
+        if surroundings.touches(scratch.soon[k]) {
+            scratch.born.push(scratch.soon.swap_remove(k));
         } else {
             k += 1;
         }

@@ -1,8 +1,8 @@
 //! One pass over the touching pairs: every load, every reaction, on any number of threads with the same bits.
 //!
-//! Grains are cut into blocks of [`BLOCK`] in order of index, and the contacts, which are sorted by their first
+//! Grains are cut into [blocks](block) of one size in order of index, and the contacts, which are sorted by their first
 //! grain, with them. A block adds its loads in order of contact to its own grains and puts aside what acts on grains
-//! of later blocks; that is added afterwards in order of contact. The order of every sum depends on [`BLOCK`] alone.
+//! of later blocks; that is added afterwards in order of contact. The order of every sum depends on the number of grains alone.
 
 use super::lanes::{BATCH, Batch};
 use super::{ContactLaw, Contacts, Law, Memory, More, Plain, Surroundings};
@@ -11,18 +11,24 @@ use crate::walls::is_part;
 use glam::{DMat3, DVec3};
 use porograin_geometry::triangulation::wall;
 
-/// Grains per block: large enough that most contacts stay inside, small enough to share a few thousand grains
-/// between threads.
-const BLOCK: usize = 512;
+/// Grains per block, for so many grains: large enough that most contacts stay inside, small enough to share a few thousand
+/// grains between threads.
+fn block(grains: usize) -> usize {
+    (grains / 16).clamp(512, 8192)
+}
 
 /// What the contacts keep between steps to be fast; dropping it changes no bit.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    /// Near pairs that do not touch.
+    /// Near pairs that cannot touch before some pair has come closer by [`level`](Self::level) since the list was made.
     pub(super) apart: Vec<[u32; 2]>,
+    /// The other near pairs that do not touch.
+    pub(super) soon: Vec<[u32; 2]>,
+    /// [m]
+    pub(super) level: f64,
     /// Pairs that came to touch in this step.
     pub(super) born: Vec<[u32; 2]>,
-    /// How many contacts `apart` goes with.
+    /// How many contacts these lists go with.
     pub(super) known: usize,
     /// Grains near walls that the case adds.
     pub(super) near: super::parts::Near,
@@ -61,9 +67,11 @@ pub fn add(
     contacts.remember(laws);
     loads.walls.resize(surroundings.walls.len(), Push::default());
     let stressed = loads.virial.is_some();
-    let blocks = loads.force.len().div_ceil(BLOCK).max(1);
+    let size = block(loads.force.len());
+    let blocks = loads.force.len().div_ceil(size).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
     let share = Share {
+        size,
         first_block: 0,
         first_contact: 0,
         stressed,
@@ -101,6 +109,8 @@ pub fn add(
 
 /// Consecutive blocks with the grains and contacts that belong to them.
 struct Share<'a> {
+    /// Grains per block.
+    size: usize,
     first_block: usize,
     first_contact: usize,
     /// Whether the virial is asked for.
@@ -121,7 +131,7 @@ impl Share<'_> {
         if half == 0 {
             return run(self);
         }
-        let (grain, middle) = (half * BLOCK, (self.first_block + half) * BLOCK);
+        let (grain, middle) = (half * self.size, (self.first_block + half) * self.size);
         let cut = self.pairs.partition_point(|pair| (pair[0] as usize) < middle);
         let (pairs, more_pairs) = self.pairs.split_at(cut);
         let (shear, more_shear) = self.shear.split_at_mut(cut);
@@ -129,9 +139,11 @@ impl Share<'_> {
         let (force, more_force) = self.force.split_at_mut(grain);
         let (torque, more_torque) = self.torque.split_at_mut(grain);
         let (blocks, more_blocks) = self.blocks.split_at_mut(half);
-        let (first_block, first_contact, stressed) = (self.first_block, self.first_contact, self.stressed);
-        let front = Share { first_block, first_contact, stressed, pairs, shear, more, force, torque, blocks };
+        let Share { size, first_block, first_contact, stressed, .. } = self;
+        let front =
+            Share { size, first_block, first_contact, stressed, pairs, shear, more, force, torque, blocks };
         let back = Share {
+            size,
             first_block: first_block + half,
             first_contact: first_contact + cut,
             stressed,
@@ -260,7 +272,7 @@ impl Share<'_> {
         levers: [f64; 2],
         moment: DVec3,
     ) {
-        let offset = self.first_block * BLOCK;
+        let offset = self.first_block * self.size;
         let i = pair[0] as usize - offset;
         self.force[i] += force;
         self.torque[i] += levers[0] * turning + moment;
@@ -291,7 +303,7 @@ fn remove_parted(contacts: &mut Contacts, scratch: &mut Scratch) {
         if parted.next_if_eq(&k).is_some() {
             // Where grains meet walls that the case adds is found anew in every step.
             if !is_part(contacts.pairs[k][1]) {
-                scratch.apart.push(contacts.pairs[k]);
+                scratch.soon.push(contacts.pairs[k]);
             }
         } else {
             contacts.pairs[kept] = contacts.pairs[k];

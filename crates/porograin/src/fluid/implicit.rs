@@ -18,7 +18,7 @@ pub const PAYS: f64 = 3.0;
 /// Whether steps should be implicit where the pressures damp the grains at `rate` [1/s]; what damps at `always` limits steps of
 /// either kind.
 pub fn pays(state: &State, model: &Model, rate: f64, always: f64) -> bool {
-    let contacts = stability::limit(state, model, &mut Vec::new());
+    let contacts = stability::limit(state, model);
     let explicit = stability::explicit(contacts, rate + always, model.damping).seconds;
     match model.time_step {
         TimeStep::Automatic { .. } => {

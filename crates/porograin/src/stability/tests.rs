@@ -96,7 +96,7 @@ fn the_bound_holds_and_is_sharp() {
         step(&mut state, &model, &mut Work::default()).unwrap();
         assert!(state.contacts.len() > 600);
         let exact = 2.0 / largest(&state, &model).sqrt();
-        let bound = limit(&state, &model, &mut Vec::new()).seconds;
+        let bound = limit(&state, &model).seconds;
         assert!(bound <= exact && exact < sharp * bound, "{bound} {exact} {}", exact / bound);
     }
 }
@@ -131,9 +131,9 @@ fn dampers_shorten_the_stable_step() {
     let mut state = state(vec![DVec3::splat(0.95)], vec![1.0], DVec3::splat(1.9));
     let mut model = model(0.5);
     step(&mut state, &model, &mut Work::default()).unwrap();
-    let springs = limit(&state, &model, &mut Vec::new()).seconds;
+    let springs = limit(&state, &model).seconds;
     model.contact = Law::Linear(Linear { restitution: Some(0.1.into()), ..LAW }).into();
-    let damped = limit(&state, &model, &mut Vec::new()).seconds;
+    let damped = limit(&state, &model).seconds;
     let swing = |dt: f64| {
         let (mut state, mut model) = (state.clone(), model.clone());
         model.time_step = TimeStep::Fixed(dt);
@@ -155,14 +155,14 @@ fn grains_in_flight_and_light_pistons_set_the_limit() {
     let mut model = model(0.5);
     let mut flying = state(vec![DVec3::splat(2.0), DVec3::splat(7.0)], vec![1.0, 0.5], DVec3::splat(10.0));
     flying.grains.id = vec![40, 41];
-    let alone = limit(&flying, &model, &mut Vec::new());
+    let alone = limit(&flying, &model);
     assert_eq!(alone.cause, Cause::Flight(41));
     assert!(alone.seconds.is_finite());
 
     let mut pressed = block(0.0);
     model.faces[5].solid = Solid::Servo { stress: Signal::Constant(0.0), mass: Some(1.0), speed: None };
     step(&mut pressed, &model, &mut Work::default()).unwrap();
-    assert_eq!(limit(&pressed, &model, &mut Vec::new()).cause, Cause::Piston(5));
+    assert_eq!(limit(&pressed, &model).cause, Cause::Piston(5));
 }
 
 #[test]
@@ -193,9 +193,9 @@ fn a_light_cell_limits_the_step() {
     };
     step(&mut state, &held(None), &mut Work::default()).unwrap();
     state.dt = 0.0;
-    let heavy = limit(&state, &held(None), &mut Vec::new());
+    let heavy = limit(&state, &held(None));
     let light = held(Some(1e-4 * state.grains.mass[0]));
-    let found = limit(&state, &light, &mut Vec::new());
+    let found = limit(&state, &light);
     assert!(heavy.cause != Cause::Cell && found.cause == Cause::Cell, "{heavy:?} {found:?}");
     // Every contact along z, as long as d, is a spring of the cell.
     let spring = (n * n * n) as f64 * stiffness * d * d;
