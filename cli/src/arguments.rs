@@ -226,6 +226,9 @@ pub struct Bench {
     /// Contact law of the dry step.
     #[arg(long, value_enum, default_value = "linear")]
     pub law: Law,
+    /// The grains of `dry` flow instead of being at rest: the box is narrowed and heightened at this rate [1/s].
+    #[arg(long, value_name = "RATE", value_parser = positive, allow_negative_numbers = true)]
+    pub flow: Option<f64>,
     /// How many steps to time.
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,

@@ -7,9 +7,12 @@ use crate::period::Period;
 use crate::triangulation::{FIRST_WALL, wall};
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// Part of the mean radius by which a pair may be apart and still be listed, unless set otherwise.
-const SKIN: f64 = 0.15;
+/// Part of the mean radius by which a pair may be apart and still be listed, at least and at most.
+const SKIN: [f64; 2] = [0.15, 0.5];
+/// A list that is good for fewer uses than the first calls for more skin, one that is good for more than the second for less.
+const USES: [u32; 2] = [25, 250];
 /// Round-off of places in terms of the skin: far above that of the coordinates of any sample that fits into memory.
 const ROUND_OFF: f64 = 1e-6;
 /// Grains handed to a thread at once.
@@ -31,6 +34,16 @@ pub struct Neighbours {
     skin: f64,
     /// See [`closer`](Self::closer) [m].
     closer: f64,
+    /// The way of the fastest grain since the last use, if it was told [m].
+    told: Option<f64>,
+    /// How far some grain may have moved since the list was built [m].
+    moved: f64,
+    /// The places themselves are looked at when by what was told some grain may have moved as far as this [m].
+    due: f64,
+    /// Uses of the list so far.
+    uses: u32,
+    /// Part of the mean radius that the skin is now.
+    share: f64,
     /// Centres, radii and box when the list was built.
     position: Vec<DVec3>,
     radius: Vec<f64>,
@@ -45,13 +58,19 @@ impl Neighbours {
     ///
     /// `position` and `radius` [m] hold one entry per grain, `reach` [m] is the gap up to which a law acts.
     pub fn refresh(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
+        self.uses = self.uses.saturating_add(1);
         self.closer = self.approached(cell, position, radius);
         if self.closer <= self.skin - reach {
             return false;
         }
         self.build(cell, position, radius, reach);
-        self.closer = 0.0;
         true
+    }
+
+    /// Tells that since the last [`refresh`](Self::refresh) no grain has moved further than this [m]: the next one need not look at
+    /// all places. It is forgotten by the next one, and of no use in a periodic cell.
+    pub fn moved_at_most(&mut self, way: f64) {
+        self.told = Some(way);
     }
 
     /// The least distance of the lattice planes of a periodic cell for pairs with the nearest image to be all there are:
@@ -92,7 +111,8 @@ impl Neighbours {
 
     /// How much closer the surfaces of any pair may have come since the list was built [m]; without a list of these grains
     /// there is no telling.
-    fn approached(&self, cell: &Cell, position: &[DVec3], radius: &[f64]) -> f64 {
+    fn approached(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64]) -> f64 {
+        let told = self.told.take();
         let Some(old) = &self.cell else { return f64::INFINITY };
         if position.len() != self.position.len() || cell.periodic != old.periodic {
             return f64::INFINITY;
@@ -103,7 +123,16 @@ impl Neighbours {
             None => {
                 let lower = (cell.origin - old.origin).abs().max_element();
                 let upper = (cell.upper() - old.upper()).abs().max_element();
-                let moved = most(position, &self.position, |now, then| (now - then).length_squared()).sqrt();
+                let moved = match told.map(|way| self.moved + way) {
+                    Some(bound) if bound < self.due => bound,
+                    _ => {
+                        let apart = |now: DVec3, then: DVec3| (now - then).length_squared();
+                        let moved = most(position, &self.position, apart).sqrt();
+                        self.due = (1.5 * moved).max(self.skin / 32.0);
+                        moved
+                    }
+                };
+                self.moved = moved;
                 (moved.max(lower).max(upper), 0.0)
             }
         };
@@ -114,21 +143,52 @@ impl Neighbours {
         let n = position.len();
         let mean = radius.iter().sum::<f64>() / n.max(1) as f64;
         let largest = radius.iter().fold(0.0, |a: f64, &r| a.max(r));
-        self.skin = SKIN * mean + reach;
+        if self.closer.is_finite() {
+            self.share *= if self.uses < USES[0] { 1.5 } else { 1.0 };
+            self.share /= if self.uses > USES[1] { 1.5 } else { 1.0 };
+        }
+        self.share = self.share.clamp(SKIN[0], SKIN[1]);
+        let period = Period::of(cell);
+        let room = |share: f64| 2.0 * (2.0 * largest + share * mean + reach);
+        if period.as_ref().is_some_and(|period| period.height() < room(self.share)) {
+            self.share = SKIN[0];
+        }
+        self.skin = self.share * mean + reach;
+        (self.closer, self.moved, self.due, self.uses) = (0.0, 0.0, 0.0, 0);
         self.cell = Some(*cell);
         self.position.clear();
         self.position.extend_from_slice(position);
         self.radius.clear();
         self.radius.extend_from_slice(radius);
-        if let Some(period) = Period::of(cell) {
+        if let Some(period) = period {
             return self.build_periodic(cell, &period, 2.0 * largest + self.skin);
         }
         self.grid.fill(cell, position, 2.0 * largest + self.skin);
 
         self.pairs.clear();
+        let mut pairs = std::mem::take(&mut self.pairs);
+        if rayon::current_num_threads() == 1 {
+            self.list(cell, 0..n, &mut pairs);
+        } else {
+            let parts = n.div_ceil(CHUNK);
+            let part = |k: usize| {
+                let mut pairs = Vec::new();
+                self.list(cell, k * CHUNK..((k + 1) * CHUNK).min(n), &mut pairs);
+                pairs
+            };
+            let parts: Vec<_> = (0..parts).into_par_iter().map(part).collect();
+            pairs.reserve(parts.iter().map(Vec::len).sum());
+            parts.iter().for_each(|part| pairs.extend_from_slice(part));
+        }
+        self.pairs = pairs;
+    }
+
+    /// Adds the near pairs of which one of these grains is the first.
+    fn list(&self, cell: &Cell, grains: Range<usize>, pairs: &mut Vec<[u32; 2]>) {
+        let Neighbours { position, radius, skin, .. } = self;
         let mut near: Vec<u32> = Vec::new();
-        for i in 0..n {
-            let (own, room) = (position[i], radius[i] + self.skin);
+        for i in grains {
+            let (own, room) = (position[i], radius[i] + skin);
             let mut count = 0;
             for run in self.grid.around(own) {
                 if near.len() < count + run.len() {
@@ -143,13 +203,13 @@ impl Neighbours {
                 }
             }
             near[..count].sort_unstable();
-            self.pairs.extend(near[..count].iter().map(|&j| [i as u32, j]));
+            pairs.extend(near[..count].iter().map(|&j| [i as u32, j]));
             for face in 0..6 {
                 if !cell.periodic[face / 2] {
                     let gap = (cell.wall_position(face) - own[face / 2]).abs() - radius[i];
                     // A grain whose centre passed through the wall is found as well.
-                    if gap < self.skin {
-                        self.pairs.push([i as u32, FIRST_WALL + face as u32]);
+                    if gap < *skin {
+                        pairs.push([i as u32, FIRST_WALL + face as u32]);
                     }
                 }
             }
@@ -308,7 +368,54 @@ mod tests {
             assert!(near.refresh(&cell, &position, &radius, 0.0));
             assert_eq!(near.pairs, touching(&cell, &position, &radius, near.skin));
             assert!(!near.refresh(&cell, &position, &radius, 0.0));
+            let two = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+            let mut other = Neighbours::default();
+            two.install(|| other.refresh(&cell, &position, &radius, 0.0));
+            assert_eq!(other.pairs, near.pairs);
         }
+    }
+
+    /// Told how far grains move at most, the list is renewed in time without looking, and not much sooner.
+    #[test]
+    fn what_is_told_of_the_motion_is_as_good_as_looking() {
+        let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+        let (mut position, radius) = cloud(300, DVec3::ONE, 15);
+        let [mut told, mut looking] = [Neighbours::default(), Neighbours::default()];
+        let (mut next, mut renewed) = (numbers(19), [0; 2]);
+        for _ in 0..1000 {
+            renewed[0] += told.refresh(&cell, &position, &radius, 0.001) as u32;
+            renewed[1] += looking.refresh(&cell, &position, &radius, 0.001) as u32;
+            for pair in touching(&cell, &position, &radius, 0.001) {
+                assert!(told.pairs.binary_search(&pair).is_ok(), "{pair:?}");
+                assert!(told.gaps()(pair) < 0.001 + told.closer(), "{pair:?}");
+            }
+            assert!(told.closer() >= looking.closer() || renewed[0] > renewed[1]);
+            let steps: Vec<DVec3> =
+                position.iter().map(|_| (DVec3::new(next(), next(), next()) - 0.45) * 4e-4).collect();
+            position.iter_mut().zip(&steps).for_each(|(x, step)| *x += *step);
+            told.moved_at_most(steps.iter().map(|step| step.length()).fold(0.0, f64::max));
+        }
+        assert!(renewed[1] >= 3 && renewed[0] <= 2 * renewed[1], "{renewed:?}");
+    }
+
+    #[test]
+    fn grains_that_move_fast_get_more_skin_and_lose_it_at_rest() {
+        let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+        let (mut position, radius) = cloud(300, DVec3::ONE, 25);
+        let mut near = Neighbours::default();
+        let mut run = |steps: usize, way: f64| {
+            for k in 0..steps {
+                near.refresh(&cell, &position, &radius, 0.0);
+                let sign = if k % 512 < 256 { 1.0 } else { -1.0 };
+                position.iter_mut().for_each(|x| x.x += sign * way);
+            }
+            near.skin()
+        };
+        let mean = radius.iter().sum::<f64>() / 300.0;
+        let at_rest = run(10, 0.0);
+        assert!((at_rest / mean - SKIN[0]).abs() < 1e-12);
+        assert!((run(100, 1e-3) / mean - SKIN[1]).abs() < 1e-12);
+        assert!((run(5120, 2e-5) / mean - SKIN[0]).abs() < 1e-12);
     }
 
     #[test]
@@ -319,9 +426,13 @@ mod tests {
         let (mut next, mut rebuilt) = (numbers(9), 0);
         for _ in 0..200 {
             rebuilt += near.refresh(&cell, &position, &radius, 0.001) as u32;
+            let gap = near.gaps();
             for pair in touching(&cell, &position, &radius, 0.001) {
                 assert!(near.pairs.binary_search(&pair).is_ok(), "{pair:?}");
+                // It has come no closer than any pair can have.
+                assert!(gap(pair) < 0.001 + near.closer(), "{pair:?}");
             }
+            drop(gap);
             for (x, r) in position.iter_mut().zip(&mut radius) {
                 *x += (DVec3::new(next(), next(), next()) - 0.5) * 0.002;
                 *r *= 1.0 + 1e-3 * next();

@@ -7,7 +7,7 @@ mod solvers;
 
 pub use coarse::{CoarseBench, coarse};
 pub use coupled::{BenchError, CoupledBench, coupled};
-pub use dry::{DryBench, SpeedUp, dry, dry_model, grown, hertz_mindlin, linear};
+pub use dry::{DryBench, SpeedUp, dry, dry_model, flow, grown, hertz_mindlin, linear};
 pub use solvers::{SizeBench, SolverBench, Thesis, growth, sizes, solvers};
 
 use crate::fluid;
@@ -38,15 +38,25 @@ fn timed(state: &mut State, model: &Model, steps: usize) -> Result<Timed, StepEr
         water.extend(step(state, model, &mut work)?.water);
         seconds.push(start.elapsed().as_secs_f64());
     }
+    let mean = seconds.iter().sum::<f64>() / seconds.len() as f64;
     seconds.sort_by(f64::total_cmp);
     let all: f64 = work.timers.phases().iter().map(|phase| phase.1.as_secs_f64()).sum();
     let phases = work.timers.phases().iter().map(|&(name, time)| (name, time.as_secs_f64() / all)).collect();
-    Ok(Timed { seconds_per_step: seconds[seconds.len() / 2], phases, steps: seconds.len(), water, work })
+    Ok(Timed {
+        seconds_per_step: seconds[seconds.len() / 2],
+        mean,
+        phases,
+        steps: seconds.len(),
+        water,
+        work,
+    })
 }
 
 /// What [`timed`] found.
 struct Timed {
     seconds_per_step: f64,
+    /// [s]
+    mean: f64,
     phases: Vec<(&'static str, f64)>,
     steps: usize,
     /// What the water did in each.

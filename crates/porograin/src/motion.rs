@@ -55,7 +55,7 @@ impl Velocities {
 /// `loads` are all loads of the step. Local damping (Catalano 2.15) takes `D |F|` from every component that speeds a
 /// grain, a spin or a piston up, and adds it where it slows down. Its `F` is `felt`, the loads known at time `t`: all
 /// loads again, unless an implicit step finds some of them in its middle.
-pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt: f64) {
+pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt: f64) -> Moved {
     let kick = kick(state, dt);
     state.domain.wall_force = loads.wall;
     let moved = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
@@ -63,9 +63,14 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
     let before = state.domain.walls.clone();
     walls::motion::advance(state, model, &loads.walls, dt);
     walls::glue::take_along(&state.domain, &before, &mut state.grains, dt);
+    let moved;
     if !state.domain.is_periodic() {
-        move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, |_, velocity| velocity);
         move_walls(&mut state.domain, dt);
+        let cell = &state.domain.cell;
+        let room = [cell.origin, cell.upper()];
+        moved = move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, room, |_, velocity| {
+            velocity
+        });
     } else {
         let rate = cell::motion(state, model, loads, felt, dt).allowed();
         let State { domain, grains, .. } = state;
@@ -74,13 +79,25 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
         // What goes with a place is not slowed down.
         let stretch = before + boost;
         let peculiar = |x: DVec3, v: DVec3| v - stretch * (x - origin);
-        move_grains(grains, loads, felt, model.damping, kick, dt, peculiar);
+        // Who has left is told once the grains are back in the cell.
+        let nowhere = [DVec3::NAN; 2];
+        moved = move_grains(grains, loads, felt, model.damping, kick, dt, nowhere, peculiar);
         move_walls(domain, dt);
         cell::advance(domain, grains, dt);
     }
     state.time += dt;
     state.dt = dt;
     state.step += 1;
+    moved
+}
+
+/// How the grains have moved in a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moved {
+    /// The longest way of a grain [m].
+    pub furthest: f64,
+    /// Whether all centres are known to be within the box.
+    pub inside: bool,
 }
 
 /// How long the loads of a step of length `dt` act on the velocities [s].
@@ -113,8 +130,9 @@ fn move_grains(
     damping: f64,
     kick: f64,
     dt: f64,
+    [lower, upper]: [DVec3; 2],
     rate: impl Fn(DVec3, DVec3) -> DVec3 + Sync,
-) {
+) -> Moved {
     let gyration = grains.shape.gyration();
     // Discs stay in the plane of x and z and turn about y only.
     let (along, about) = match grains.shape {
@@ -128,6 +146,7 @@ fn move_grains(
         let pushes = loads.force[range.clone()].iter().zip(&loads.torque[range.clone()]);
         let felts = felt.force[range.clone()].iter().zip(&felt.torque[range]);
         let grains = position.iter_mut().zip(velocity).zip(spin).zip(what);
+        let (mut fastest, mut inside) = (0.0, true);
         for ((((position, velocity), spin), (&radius, &mass)), ((&force, &torque), (&felt, &turned))) in
             grains.zip(pushes.zip(felts))
         {
@@ -136,13 +155,21 @@ fn move_grains(
             *spin += mobility / (gyration * radius * radius)
                 * damped(torque * about, turned * about, *spin, damping);
             *position += dt * *velocity;
+            let squared = velocity.length_squared();
+            fastest = if squared > fastest { squared } else { fastest };
+            // A comparison with NaN is false, so one test finds both who left and who is nowhere.
+            inside &= lower.cmple(*position).all() & position.cmple(upper).all();
         }
+        Moved { furthest: dt * fastest.sqrt(), inside }
     };
     let parts = (position.par_chunks_mut(BLOCK), velocity.par_chunks_mut(BLOCK), spin.par_chunks_mut(BLOCK));
+    let both =
+        |a: Moved, b: Moved| Moved { furthest: a.furthest.max(b.furthest), inside: a.inside && b.inside };
     parts
         .into_par_iter()
         .enumerate()
-        .for_each(|(k, (position, velocity, spin))| block(k, position, velocity, spin));
+        .map(|(k, (position, velocity, spin))| block(k, position, velocity, spin))
+        .reduce(|| Moved { furthest: 0.0, inside: true }, both)
 }
 
 /// The load less the local damping `D |felt| sign(v)`, per component.

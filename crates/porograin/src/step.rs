@@ -15,16 +15,12 @@ use crate::trouble::Trouble;
 use crate::walls::glue;
 use glam::{DMat3, DVec3};
 use porograin_geometry::{Neighbours, Period};
-use rayon::prelude::*;
 use std::fmt;
-
-/// Grains that a thread looks at without asking whether some have left.
-const PART: usize = 4096;
 
 /// Scratch of a run: dropping it between any two steps changes no bit of the result.
 ///
-/// It follows one state through its steps. To go on with another state, or after changing who touches whom by
-/// hand, start from `Work::default()`.
+/// It follows one state through its steps. To go on with another state, or after moving grains or changing who touches whom
+/// by hand, start from `Work::default()`.
 #[derive(Debug, Default)]
 pub struct Work {
     /// Near pairs.
@@ -90,9 +86,10 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
 
     // Move.
     glue::bear(loads, state, model);
-    motion::advance(state, model, loads, water.felt(loads), dt);
+    let moved = motion::advance(state, model, loads, water.felt(loads), dt);
+    neighbours.moved_at_most(moved.furthest);
     let report = Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed };
-    let report = inside(state, report)?;
+    let report = if moved.inside { report } else { inside(state, report)? };
     timers.lap("motion");
     Ok(report)
 }
@@ -115,13 +112,7 @@ fn inside(state: &State, report: Report) -> Result<Report, StepError> {
     }
     // A comparison with NaN is false, so one test finds both.
     let sound = |x: &DVec3| lower.cmple(*x).all() && x.cmple(upper).all();
-    // Looking at all of a part without a branch is faster than stopping at the first.
-    let all = |part: &[DVec3]| part.iter().fold(true, |all, x| all & sound(x));
-    let position = &state.grains.position;
-    if position.par_chunks(PART).all(all) {
-        return Ok(report);
-    }
-    let Some(k) = position.iter().position(|x| !sound(x)) else { return Ok(report) };
+    let Some(k) = state.grains.position.iter().position(|x| !sound(x)) else { return Ok(report) };
     let (grain, time, x) = (state.grains.id[k], state.time, state.grains.position[k]);
     if !(x.is_finite() && state.domain.cell.edges.is_finite()) {
         return Err(StepError::NotFinite { grain, time });

@@ -200,8 +200,8 @@ impl Measure {
             Measure::KineticEnergy => "kinetic energy of the grains, turning included",
             Measure::ElasticEnergy => "energy stored in the contacts",
             Measure::EnergyBudget => {
-                "since the stage began: work of walls, gravity and water, losses by friction, dampers and local damping, and what does \
-                 not balance (not in periodic cells, not with glue or a membrane)"
+                "since the stage began: work of walls, gravity and water, losses by friction, dampers, local damping and time \
+                 integration, and what does not balance (not in periodic cells, not with glue or a membrane)"
             }
             Measure::Speed => "largest speed of a grain",
             Measure::TimeStep => "length of the step",
@@ -274,6 +274,7 @@ impl Measure {
                 "friction_loss [J]",
                 "viscous_loss [J]",
                 "damping_loss [J]",
+                "integration_loss [J]",
                 "energy_error [J]",
             ]),
             Measure::Speed => list(&["speed_max [m/s]"]),
@@ -382,8 +383,8 @@ impl Measure {
             Measure::ElasticEnergy => vec![measure::elastic_energy(now.state, now.model)],
             Measure::EnergyBudget => {
                 let ledger = now.ledger.filter(|ledger| ledger.start.is_some())?;
-                let Ledger { walls, gravity, water, friction, viscous, damping, .. } = *ledger;
-                vec![walls, gravity, water, friction, viscous, damping, ledger.error()]
+                let Ledger { walls, gravity, water, friction, viscous, damping, integration, .. } = *ledger;
+                vec![walls, gravity, water, friction, viscous, damping, integration, ledger.error()]
             }
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],

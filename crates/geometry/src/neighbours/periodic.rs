@@ -262,9 +262,12 @@ mod tests {
             let mut rebuilt = 0;
             for _ in 0..60 {
                 rebuilt += near.refresh(&cell, &position, &radius, 0.001) as u32;
+                let gap = near.gaps();
                 for pair in touching(&cell, &position, &radius, 0.001) {
                     assert!(near.pairs.binary_search(&pair).is_ok(), "{seed} {pair:?}");
+                    assert!(gap(pair) < 0.001 + near.closer(), "{seed} {pair:?}");
                 }
+                drop(gap);
                 cell.edges = cell.edges + strain * cell.edges;
                 for axis in (0..3).filter(|&axis| !cell.periodic[axis]) {
                     cell.origin[axis] -= 1e-4;

@@ -56,7 +56,7 @@ pub fn coarse(
 }
 
 fn consolidate(state: &mut State, steps: usize, residual: Option<f64>) -> Result<CoarseBench, StepError> {
-    dry::hold(state, dry::linear(), steps / 4)?;
+    dry::hold(state, &dry::dry_model(), steps / 4)?;
     let mut settings = Darcy::default();
     settings.residual = residual.unwrap_or(settings.residual);
     let diameter = 2.0 * state.grains.radius.iter().sum::<f64>() / state.grains.len() as f64;

@@ -135,7 +135,7 @@ fn consolidate(
     viscosity: Option<f64>,
     residual: Option<f64>,
 ) -> Result<(CoupledBench, Model), BenchError> {
-    let held = dry::hold(state, dry::linear(), steps)?;
+    let held = dry::hold(state, &dry::dry_model(), steps)?;
     let permeability = permeability(state).map_err(BenchError::Permeability)?;
     let viscosity = viscosity.unwrap_or(VISCOUS_NUMBER * permeability * DENSITY / state.dt);
     let residual = residual.unwrap_or(RESIDUAL);

@@ -1,7 +1,7 @@
 //! The cost of the step without water.
 
 use super::{BenchError, DENSITY, timed};
-use crate::boundary::{Domain, Face};
+use crate::boundary::{Domain, Face, Signal, Solid};
 use crate::contact::{Contacts, HertzMindlin, Law, Linear};
 use crate::grains::Grains;
 use crate::import::Spheres;
@@ -30,6 +30,8 @@ pub struct DryBench {
     pub grain_steps_per_second: f64,
     /// Median time of a step [s].
     pub seconds_per_step: f64,
+    /// Mean time of a step, new lists of neighbours included, over the number of contacts [ns].
+    pub mean_ns_per_contact_step: f64,
     /// Shortest time of a new list of neighbours, per grain [ns].
     pub rebuild_ns_per_grain: f64,
     /// Memory of the process at rest in the steps, less what it had before the grains, per grain; where the system tells.
@@ -78,13 +80,23 @@ pub fn dry_model() -> Model {
     }
 }
 
+/// Plane strain at constant volume: the walls left and right approach each other at this rate [1/s], bottom and top withdraw.
+pub fn flow(model: &mut Model, cell: &Cell, rate: f64) {
+    let speed = 0.5 * rate * (cell.upper() - cell.origin);
+    for (face, velocity) in
+        [(0, speed.x * DVec3::X), (1, -speed.x * DVec3::X), (4, -speed.z * DVec3::Z), (5, speed.z * DVec3::Z)]
+    {
+        model.faces[face].solid = Solid::Moving { velocity: velocity.to_array().map(Signal::Constant) };
+    }
+}
+
 /// The grains at rest in their box.
 pub(super) fn at_rest(position: Vec<DVec3>, radius: Vec<f64>, domain: Domain) -> State {
     let grains = crate::packing::ordered(&domain.cell, Grains::at_rest(position, radius, DENSITY));
     State { time: 0.0, step: 0, dt: 0.0, domain, grains, contacts: Contacts::default(), fluid: None }
 }
 
-/// Holds a packing (centres and radii [m], in any order) in its box for `steps` timed steps, after a tenth as many to warm up.
+/// Runs a packing (centres and radii [m], in any order) in its box for `steps` timed steps, after a tenth as many to warm up.
 ///
 /// # Errors
 /// Whatever stops a step; deeply overlapping grains, most likely.
@@ -92,17 +104,17 @@ pub fn dry(
     position: Vec<DVec3>,
     radius: Vec<f64>,
     domain: Domain,
-    law: Law,
+    model: &Model,
     steps: usize,
 ) -> Result<DryBench, StepError> {
     // Code and stacks come into memory with the first steps, whatever the number of grains.
     let few = (position.iter().copied().take(2).collect(), radius.iter().copied().take(2).collect());
-    rayon::scope(|_| hold(&mut at_rest(few.0, few.1, domain.clone()), law.clone(), 2))?;
+    rayon::scope(|_| hold(&mut at_rest(few.0, few.1, domain.clone()), model, 2))?;
     let before = resident();
     // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
     let mut state = at_rest(position, radius, domain);
-    let mut bench = rayon::scope(|_| hold(&mut state, law.clone(), steps))?;
-    bench.speed_up = speed_up(&mut state, &Model { contact: law.into(), ..dry_model() }, steps)?;
+    let mut bench = rayon::scope(|_| hold(&mut state, model, steps))?;
+    bench.speed_up = speed_up(&mut state, model, steps)?;
     // The grains given, 32 bytes each, are gone by the time the steps are done.
     let grains = bench.grains as f64;
     bench.bytes_per_grain =
@@ -111,9 +123,8 @@ pub fn dry(
 }
 
 /// Times the dry step of a state.
-pub(super) fn hold(state: &mut State, law: Law, steps: usize) -> Result<DryBench, StepError> {
-    let model = Model { contact: law.into(), ..dry_model() };
-    let timed = timed(state, &model, steps)?;
+pub(super) fn hold(state: &mut State, model: &Model, steps: usize) -> Result<DryBench, StepError> {
+    let timed = timed(state, model, steps)?;
     let grains = &state.grains;
     let bytes_per_grain = resident();
     // A list is made anew as soon as the number of grains has changed.
@@ -131,6 +142,7 @@ pub(super) fn hold(state: &mut State, law: Law, steps: usize) -> Result<DryBench
         ns_per_contact_step: 1e9 * timed.seconds_per_step / state.contacts.len().max(1) as f64,
         grain_steps_per_second: grains.len() as f64 / timed.seconds_per_step,
         seconds_per_step: timed.seconds_per_step,
+        mean_ns_per_contact_step: 1e9 * timed.mean / state.contacts.len().max(1) as f64,
         rebuild_ns_per_grain: 1e9 * rebuild / grains.len() as f64,
         bytes_per_grain,
         speed_up: None,
