@@ -389,7 +389,6 @@ mod tests {
                 assert!(told.pairs.binary_search(&pair).is_ok(), "{pair:?}");
                 assert!(told.gaps()(pair) < 0.001 + told.closer(), "{pair:?}");
             }
-            assert!(told.closer() >= looking.closer() || renewed[0] > renewed[1]);
             let steps: Vec<DVec3> =
                 position.iter().map(|_| (DVec3::new(next(), next(), next()) - 0.45) * 4e-4).collect();
             position.iter_mut().zip(&steps).for_each(|(x, step)| *x += *step);
@@ -404,10 +403,9 @@ mod tests {
         let (mut position, radius) = cloud(300, DVec3::ONE, 25);
         let mut near = Neighbours::default();
         let mut run = |steps: usize, way: f64| {
-            for k in 0..steps {
+            for _ in 0..steps {
                 near.refresh(&cell, &position, &radius, 0.0);
-                let sign = if k % 512 < 256 { 1.0 } else { -1.0 };
-                position.iter_mut().for_each(|x| x.x += sign * way);
+                position.iter_mut().for_each(|x| x.x += way);
             }
             near.skin()
         };
@@ -415,7 +413,7 @@ mod tests {
         let at_rest = run(10, 0.0);
         assert!((at_rest / mean - SKIN[0]).abs() < 1e-12);
         assert!((run(100, 1e-3) / mean - SKIN[1]).abs() < 1e-12);
-        assert!((run(5120, 2e-5) / mean - SKIN[0]).abs() < 1e-12);
+        assert!((run(5000, 1e-5) / mean - SKIN[0]).abs() < 1e-12);
     }
 
     #[test]

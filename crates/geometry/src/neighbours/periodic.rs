@@ -260,7 +260,7 @@ mod tests {
                 }
             }
             let mut rebuilt = 0;
-            for _ in 0..60 {
+            for _ in 0..120 {
                 rebuilt += near.refresh(&cell, &position, &radius, 0.001) as u32;
                 let gap = near.gaps();
                 for pair in touching(&cell, &position, &radius, 0.001) {
