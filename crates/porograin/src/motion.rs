@@ -68,9 +68,10 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
         move_walls(&mut state.domain, dt);
         let cell = &state.domain.cell;
         let room = [cell.origin, cell.upper()];
-        moved = move_grains(&mut state.grains, loads, felt, model.damping, kick, dt, room, |_, velocity| {
-            velocity
-        });
+        moved =
+            move_grains(&mut state.grains, loads, felt, model.damping, [kick, dt], room, |_, velocity| {
+                velocity
+            });
     } else {
         let rate = cell::motion(state, model, loads, felt, dt).allowed();
         let State { domain, grains, .. } = state;
@@ -81,7 +82,7 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
         let peculiar = |x: DVec3, v: DVec3| v - stretch * (x - origin);
         // Who has left is told once the grains are back in the cell.
         let nowhere = [DVec3::NAN; 2];
-        moved = move_grains(grains, loads, felt, model.damping, kick, dt, nowhere, peculiar);
+        moved = move_grains(grains, loads, felt, model.damping, [kick, dt], nowhere, peculiar);
         move_walls(domain, dt);
         cell::advance(domain, grains, dt);
     }
@@ -128,8 +129,7 @@ fn move_grains(
     loads: &Loads,
     felt: &Loads,
     damping: f64,
-    kick: f64,
-    dt: f64,
+    [kick, dt]: [f64; 2],
     [lower, upper]: [DVec3; 2],
     rate: impl Fn(DVec3, DVec3) -> DVec3 + Sync,
 ) -> Moved {

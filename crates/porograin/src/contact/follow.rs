@@ -17,7 +17,8 @@ pub fn follow(
     scratch: &mut Scratch,
 ) {
     if rebuilt || scratch.known != contacts.len() {
-        (scratch.apart.clear(), scratch.soon.clear());
+        scratch.apart.clear();
+        scratch.soon.clear();
         scratch.level = 0.0;
         let mut touching = contacts.pairs.iter().peekable();
         for pair in &near.pairs {
