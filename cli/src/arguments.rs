@@ -188,7 +188,14 @@ pub struct Permeability {
     /// with `--axis all` three times as many numbers, for the flows along x, y and z.
     #[arg(long, value_name = "F.csv")]
     pub forces: Option<PathBuf>,
-    /// Write grains and pores for ParaView into this folder; with `--axis all` into its folders x, y and z.
+    /// Places to tell pressure and velocity of the water at: a CSV file of x,y,z [m].
+    #[arg(long, value_name = "PLACES.csv", requires = "fields")]
+    pub at: Option<PathBuf>,
+    /// Write pressure and velocity of the water at these places, one line per place; empty where there is no water.
+    #[arg(long, value_name = "F.csv", requires = "at")]
+    pub fields: Option<PathBuf>,
+    /// Write grains, pores, throats and Voronoi edges for ParaView into this folder; with `--axis all` into its folders x, y
+    /// and z.
     #[arg(long, value_name = "DIR")]
     pub vtk: Option<PathBuf>,
     /// Print one JSON object on standard output.

@@ -2,6 +2,7 @@
 
 use crate::{Failure, Outcome};
 use porograin::case::{PACKINGS, REGIONS, SHAPES, nearest, reason};
+use porograin::field::PLACES;
 use porograin::pores::conductance::CONDUCTANCES;
 use porograin::watch::Measure;
 use std::io::Write as _;
@@ -310,6 +311,7 @@ pub fn list() -> Outcome {
     section("packings", &PACKINGS);
     section("shapes of walls", &SHAPES);
     section("shapes of regions", &REGIONS);
+    section("places of fields", &PLACES);
     for (heading, choices) in CHOICES {
         section(heading, choices);
     }

@@ -5,15 +5,19 @@ use crate::{Failure, Outcome};
 use glam::{DMat3, DVec3};
 use porograin::case::reason;
 use porograin::import::{self, Spheres};
-use porograin::output::frame::pore_mesh;
+use porograin::measure::{PoreFlow, Sensor, Site, Walk};
+use porograin::output::frame::{edges, pore_mesh, throats};
 use porograin::output::replace;
+use porograin::output::table::number;
 use porograin::output::vtk::{self, Field, PoreMesh, Values};
 use porograin::permeability::{
-    Outcome as Walled, PeriodicOutcome, PeriodicProblem, Problem, Seconds, measure, measure_periodic,
+    Flow, Outcome as Walled, PeriodicOutcome, PeriodicProblem, Problem, Seconds, measure, measure_periodic,
+    outflow,
 };
 use porograin::pores::{Conductance, Coupling, Solver};
 use porograin::{Loads, Slip};
 use porograin_geometry::Cell;
+use porograin_geometry::throat::Packing;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -23,13 +27,15 @@ pub const RESIDUAL: f64 = 1e-10;
 
 /// `porograin permeability`.
 pub fn permeability(arguments: &Permeability) -> Outcome {
-    if let Some(path) = &arguments.forces
-        && same_file(path, &arguments.grains)
-    {
-        return Err(Failure::Input(format!(
-            "--forces would write over the grains in {}: name another file",
-            arguments.grains.display()
-        )));
+    for (key, path) in [("forces", &arguments.forces), ("fields", &arguments.fields)] {
+        for read in [Some(&arguments.grains), arguments.at.as_ref()].into_iter().flatten() {
+            if path.as_ref().is_some_and(|path| same_file(path, read)) {
+                return Err(Failure::Input(format!(
+                    "--{key} would write over {}, which is read: name another file",
+                    read.display()
+                )));
+            }
+        }
     }
     let (cell, spheres) = match &arguments.region {
         Region { corners: Some(corners), .. } => packing(&arguments.grains, *corners)?,
@@ -52,14 +58,26 @@ pub fn permeability(arguments: &Permeability) -> Outcome {
 }
 
 fn walled(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[usize]) -> Outcome {
-    let mut flows = Vec::new();
+    let (mut flows, mut columns) = (Vec::new(), Vec::new());
+    let places = places(arguments)?;
     for &axis in axes {
         let problem = problem(arguments, axis)?;
         let flow = measure(cell, &spheres.position, &spheres.radius, &problem)
             .map_err(|e| Failure::Run(e.to_string()))?;
+        let packing = Packing { cell, position: &spheres.position, radius: &spheres.radius };
+        let site = Site::new(packing, &flow.mesh);
         if let Some(path) = &arguments.vtk {
             let pores = pore_mesh(&flow.mesh, &spheres.position, cell, &flow.pressure);
-            write_vtk(&folder_of(path, axis, axes), &spheres.position, &spheres.radius, &flow.loads, &pores)?;
+            write_vtk(
+                &folder_of(path, axis, axes),
+                &site,
+                &flow.loads,
+                pores,
+                &Moving::walled(&site, &flow),
+            )?;
+        }
+        if let Some(places) = &places {
+            columns.push(sensed(&site, &flow.pressure, &Moving::walled(&site, &flow), DVec3::ZERO, places));
         }
         say!(
             "permeability {:.6e} m2 along {}, porosity {:.4}, {} pores, {} throats",
@@ -70,6 +88,9 @@ fn walled(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[usiz
             flow.mesh.census.throats
         );
         flows.push(flow);
+    }
+    if let (Some(path), Some(places)) = (&arguments.fields, &places) {
+        write_fields(path, places, &columns, axes)?;
     }
     if let Some(path) = &arguments.forces {
         write_forces(path, &flows.iter().map(|flow| &flow.loads).collect::<Vec<_>>())?;
@@ -98,14 +119,29 @@ fn periodic(arguments: &Permeability, cell: &Cell, spheres: &Spheres, axes: &[us
     if let Some(path) = &arguments.forces {
         write_forces(path, &axes.iter().map(|&axis| &found.flows[axis].loads).collect::<Vec<_>>())?;
     }
-    if let Some(path) = &arguments.vtk {
-        for &axis in axes {
-            let flow = &found.flows[axis];
-            let mut pores = pore_mesh(&found.mesh, &found.position, cell, &flow.pressure);
-            pores.scalars =
-                vec![("pressure [Pa]".into(), found.mesh.pore_pressure(flow.gradient, &flow.pressure))];
-            write_vtk(&folder_of(path, axis, axes), &found.position, &spheres.radius, &flow.loads, &pores)?;
+    let packing = Packing { cell, position: &found.position, radius: &spheres.radius };
+    let site = Site::new(packing, &found.mesh);
+    let (mut columns, places) = (Vec::new(), places(arguments)?);
+    for &axis in axes {
+        let flow = &found.flows[axis];
+        let local = found.mesh.pore_pressure(flow.gradient, &flow.pressure);
+        if let Some(places) = &places {
+            // What has the period of the cell; sensors add the rest.
+            let mut beside = vec![0.0; found.mesh.nodes()];
+            for (pore, &node) in found.mesh.node.iter().enumerate() {
+                beside[node as usize] = local[pore] - flow.gradient.dot(site.centre[pore] - cell.origin);
+            }
+            columns.push(sensed(&site, &beside, &Moving::periodic(&site, flow), flow.gradient, places));
         }
+        if let Some(path) = &arguments.vtk {
+            let mut pores = pore_mesh(&found.mesh, &found.position, cell, &flow.pressure);
+            pores.scalars = vec![("pressure [Pa]".into(), local)];
+            let moving = Moving::periodic(&site, flow);
+            write_vtk(&folder_of(path, axis, axes), &site, &flow.loads, pores, &moving)?;
+        }
+    }
+    if let (Some(path), Some(places)) = (&arguments.fields, &places) {
+        write_fields(path, places, &columns, axes)?;
     }
     say!("permeability [m2], {} pores, {} throats:", found.mesh.census.pores, found.mesh.census.throats);
     for row in rows(found.tensor) {
@@ -216,26 +252,116 @@ fn folder_of(folder: &Path, axis: usize, axes: &[usize]) -> std::path::PathBuf {
     if axes.len() > 1 { folder.join(AXES[axis]) } else { folder.to_owned() }
 }
 
-/// Grains and pores for ParaView.
+/// How the water moves between grains at rest.
+struct Moving {
+    /// Through each link [m³/s].
+    flux: Vec<f64>,
+    /// In each pore [m/s].
+    velocity: Vec<DVec3>,
+    /// Around each grain [m/s].
+    around: Vec<DVec3>,
+}
+
+impl Moving {
+    fn walled(site: &Site, flow: &Walled) -> Moving {
+        let flux = flow.mesh.link_fluxes(DVec3::ZERO, &flow.pressure);
+        Moving::new(site, flux, &outflow(&flow.mesh, &flow.pressure), flow.mesh.open)
+    }
+
+    fn periodic(site: &Site, flow: &Flow) -> Moving {
+        let flux = site.mesh.link_fluxes(flow.gradient, &flow.pressure);
+        Moving::new(site, flux, &vec![0.0; site.mesh.nodes()], [false; 6])
+    }
+
+    fn new(site: &Site, flux: Vec<f64>, entering: &[f64], open: [bool; 6]) -> Moving {
+        let rest = vec![DVec3::ZERO; site.packing.position.len()];
+        let walk = Walk { grain: &rest, wall: [DVec3::ZERO; 6], gradient: DMat3::ZERO };
+        let flow = PoreFlow::new(site, &flux, entering, open);
+        let velocity = flow.velocity(site, &walk);
+        let around = flow.around_grains(site, &walk, &velocity);
+        Moving { flux, velocity, around }
+    }
+}
+
+/// The places at which to tell of the water.
+fn places(arguments: &Permeability) -> Result<Option<Vec<DVec3>>, Failure> {
+    let Some(path) = &arguments.at else { return Ok(None) };
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Failure::Input(format!("cannot read the places in {name}: {}", reason(&e))))?;
+    let places = import::places(&name, &text);
+    places.map(Some).map_err(|e| Failure::Input(e.to_string()))
+}
+
+/// Pressure and velocity at each place; `None` where there is no water to ask. `pressure` is that of the nodes, less its
+/// macroscopic part.
+fn sensed(
+    site: &Site,
+    pressure: &[f64],
+    moving: &Moving,
+    gradient: DVec3,
+    places: &[DVec3],
+) -> Vec<Option<[f64; 4]>> {
+    let mut sensor = Sensor::new(site, pressure);
+    let at = |&x: &DVec3| {
+        let found = sensor.at(x)?;
+        let u = moving.velocity[found.pore];
+        Some([found.pressure + gradient.dot(x - site.packing.cell.origin), u.x, u.y, u.z])
+    };
+    places.iter().map(at).collect()
+}
+
+/// Writes what was found at the places; `columns` has the numbers of each flow.
+fn write_fields(
+    path: &Path,
+    places: &[DVec3],
+    columns: &[Vec<Option<[f64; 4]>>],
+    axes: &[usize],
+) -> Result<(), Failure> {
+    let mut text = String::from("x [m],y [m],z [m]");
+    for &axis in axes {
+        let flow = if axes.len() > 1 { format!("_flow_{}", AXES[axis]) } else { String::new() };
+        let _ = write!(text, ",pressure{flow} [Pa]");
+        AXES.iter().for_each(|along| text += &format!(",velocity_{along}{flow} [m/s]"));
+    }
+    for (k, x) in places.iter().enumerate() {
+        let _ = write!(text, "\n{},{},{}", number(x.x), number(x.y), number(x.z));
+        for column in columns {
+            match column[k] {
+                Some(found) => found.iter().for_each(|&value| text += &format!(",{}", number(value))),
+                None => text.push_str(",,,,"),
+            }
+        }
+    }
+    text.push('\n');
+    replace(path, text.as_bytes())
+        .map_err(|e| Failure::Input(format!("cannot write {}: {}", path.display(), reason(&e))))
+}
+
+/// Grains, pores, throats and Voronoi edges for ParaView.
 fn write_vtk(
     folder: &Path,
-    position: &[DVec3],
-    radius: &[f64],
+    site: &Site,
     loads: &Loads,
-    pores: &PoreMesh,
+    mut pores: PoreMesh,
+    moving: &Moving,
 ) -> Result<(), Failure> {
     let grains = vtk::points(
-        position,
+        site.packing.position,
         &[
-            Field { name: "radius [m]", values: Values::Scalars(radius) },
+            Field { name: "radius [m]", values: Values::Scalars(site.packing.radius) },
+            Field { name: "fluid velocity [m/s]", values: Values::Vectors(&moving.around) },
             Field { name: "fluid force [N]", values: Values::Vectors(&loads.force) },
             Field { name: "fluid torque [N m]", values: Values::Vectors(&loads.torque) },
         ],
     );
+    pores.vectors.push(("velocity [m/s]".into(), moving.velocity.clone()));
     let write = || {
         std::fs::create_dir_all(folder)?;
         replace(&folder.join("grains.vtp"), &grains)?;
-        replace(&folder.join("pores.vtu"), &vtk::mesh(pores))
+        replace(&folder.join("throats.vtp"), &throats(site, &moving.flux))?;
+        replace(&folder.join("edges.vtp"), &edges(site, &moving.flux))?;
+        replace(&folder.join("pores.vtu"), &vtk::mesh(&pores))
     };
     write().map_err(|e| Failure::Input(format!("cannot write into {}: {}", folder.display(), reason(&e))))
 }

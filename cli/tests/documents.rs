@@ -74,6 +74,7 @@ fn the_list_names_every_choice_a_case_may_make() {
         ("fluid.flow.pores.coupling=x", true),
         ("fluid.flow.pores.conductance=x", true),
         ("face.top.water.pressure={x=1}", true),
+        ("field=[{name='a', every={steps=1}, at={x=1}}]", true),
         ("stage.fall.until={x=1}", true),
         ("stage.fall.x=1", true),
         ("on={x=1}", true),

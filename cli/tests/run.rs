@@ -69,7 +69,12 @@ measures = ["settlement", "pressure-profile", "pressure", "outflow", "face-stres
 every = { steps = 20 }
 [output]
 vtk = { steps = 500 }
+network = true
 checkpoint = 0.01
+[[field]]
+name = "axis"
+at = { line = { from = [0.005, 0.005, 0.0], to = [0.005, 0.005, 0.01], count = 11 } }
+every = { steps = 100 }
 "#;
 
 fn folder(name: &str) -> PathBuf {
@@ -104,6 +109,7 @@ fn finish(folder: &Path, arguments: &[&str]) -> (String, String) {
 fn results(run: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files: Vec<PathBuf> = fs::read_dir(run.join("vtk")).unwrap().map(|e| e.unwrap().path()).collect();
     files.extend(["case.toml", "history.csv", "checkpoint"].map(|name| run.join(name)));
+    files.extend([run.join("field-axis.csv")].into_iter().filter(|file| file.exists()));
     files.sort();
     files
         .into_iter()

@@ -278,6 +278,14 @@ pub fn shape(packing: Packing, mesh: &Triangulation, centres: &Centres, throat: 
     }
 }
 
+/// The corners of a throat's polygon, beside its first pore [m], and how many there are, 3 or 4; counter-clockwise seen
+/// from the second pore.
+pub fn corners(packing: Packing, mesh: &Triangulation, throat: &Throat) -> ([DVec3; 4], usize) {
+    let points = FACET[throat.facet as usize].map(|k| packing.point(mesh, throat.pores[0] as usize, k));
+    let (corners, count, _) = shape::polygon(packing.cell, throat.vertices, points);
+    (corners, count)
+}
+
 /// What `keep` takes from the shape of each throat, in order. (A shape has 300 bytes: keep what is needed.)
 pub fn shapes<T: Send>(
     packing: Packing,

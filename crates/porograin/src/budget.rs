@@ -3,6 +3,7 @@
 
 use crate::fluid;
 use crate::grains::Loads;
+use crate::pores::Pull;
 use crate::pores::mesh::{Carried, FREE, Mesh};
 use glam::DVec3;
 use porograin_geometry::Repair;
@@ -28,32 +29,42 @@ pub struct Audit {
     pub flux: f64,
     /// The sum of the forces on grains and walls over the sum of their sizes [-].
     pub force: f64,
-    /// The difference of the power that enters with grains, walls and held pressures and the power dissipated in the
-    /// throats, over the larger of its parts [-].
+    /// The difference of the power that enters with grains, walls, held pressures and a macroscopic gradient and the power
+    /// dissipated in the throats, over the larger of its parts [-].
     pub power: f64,
     /// Water that appears per second, over all water [1/s].
     pub appearing: f64,
 }
 
 impl Audit {
-    /// Of velocities that carry `carried` out of the nodes [m³/s], and the pressures that go with them [Pa].
-    /// `water` is the volume of water in the pores [m³].
-    pub fn of(mesh: &Mesh, carried: &Carried, pressure: &[f64], grains: usize, water: f64) -> Audit {
+    /// Of velocities that carry `carried` out of the nodes [m³/s], and the pressures that go with them [Pa]; `pull` has
+    /// put what it makes flow into the sources of `carried`. `water` is the volume of water in the pores [m³].
+    pub fn of(
+        mesh: &Mesh,
+        carried: &Carried,
+        pressure: &[f64],
+        pull: &Pull,
+        grains: usize,
+        water: f64,
+    ) -> Audit {
         let mut out = vec![0.0; mesh.nodes()];
         let mut through = vec![0.0; mesh.nodes()];
-        let mut dissipated = 0.0;
-        for (&[i, j], &g) in mesh.links.iter().zip(&mesh.conductance) {
+        let (mut dissipated, mut given, mut pulled) = (0.0, 0.0, 0.0);
+        for (link, (&[i, j], &g)) in mesh.links.iter().zip(&mesh.conductance).enumerate() {
             let [i, j] = [i as usize, j as usize];
-            let flux = g * (pressure[i] - pressure[j]);
-            dissipated += flux * (pressure[i] - pressure[j]);
-            for (node, flux) in [(i, flux), (j, -flux)] {
-                out[node] += flux;
+            let (between, pull) = (pressure[i] - pressure[j], pull.drop(link));
+            let flux = g * (between + pull);
+            dissipated += flux * (between + pull);
+            given += g * pull * between;
+            pulled += flux * pull;
+            for (node, sign) in [(i, 1.0), (j, -1.0)] {
+                out[node] += sign * g * between;
                 through[node] += flux.abs();
             }
         }
         let (mut worst, mut largest, mut appearing) = (0.0f64, 0.0f64, 0.0);
         // Power: on the solids, and through the held nodes.
-        let (mut solids, mut held) = (0.0, 0.0);
+        let (mut solids, mut held) = (-given, 0.0);
         for node in 0..mesh.nodes() {
             let left = carried.node[node] + out[node];
             solids += pressure[node] * carried.node[node];
@@ -74,7 +85,10 @@ impl Audit {
         Audit {
             flux: part(worst, largest),
             force: part(sum, sizes),
-            power: part((dissipated + solids - held).abs(), dissipated.max(solids.abs()).max(held.abs())),
+            power: part(
+                (dissipated + solids - held - pulled).abs(),
+                dissipated.max(solids.abs()).max(held.abs()).max(pulled.abs()),
+            ),
             appearing: appearing / water,
         }
     }
@@ -97,6 +111,9 @@ pub struct Budget {
     pub power: f64,
     /// Water that appeared (negative: vanished), over all water.
     pub mass_drift: f64,
+    /// Work of a macroscopic gradient on water and grains [J].
+    #[serde(default)]
+    pub gradient_work: f64,
     /// Pores of the last mesh merged into a neighbour because their radical centres coincide.
     pub merged: usize,
     /// Throats of the last mesh that overlapping grains close.
@@ -133,6 +150,7 @@ impl Budget {
     ) -> Result<(), Unbalanced> {
         self.steps += 1;
         self.iterations += report.iterations as u64;
+        self.gradient_work += report.gradient_power * dt;
         match new {
             Some(Cause::Rules) => self.meshes_for_rules += 1,
             Some(Cause::Strain(repair)) => {

@@ -29,6 +29,7 @@ use crate::boundary::{FACE_NAMES, Face, Signal, Slip, Solid, Water};
 use crate::cell::CellRule;
 use crate::contact::Law;
 use crate::measure::Region;
+use crate::field::Field;
 use crate::membrane::Membrane;
 use crate::model::{FluidModel, TimeStep};
 use crate::output::plot::Plot;
@@ -90,6 +91,9 @@ pub struct Case {
     /// What to write into `history.csv`.
     #[serde(default)]
     pub watch: Vec<Watch>,
+    /// Where else to tell of the water.
+    #[serde(default)]
+    pub field: Vec<Field>,
     /// What else to write, and how often.
     #[serde(default)]
     pub output: OutputTable,
@@ -276,13 +280,15 @@ pub struct FaceRule {
 pub struct OutputTable {
     /// When to write grains and pores for ParaView; the end of every stage is always written.
     pub vtk: Option<crate::watch::Every>,
+    /// Whether a frame has the throats and the Voronoi edges too.
+    pub network: bool,
     /// Seconds of wall time between checkpoints; the end of every stage is always one.
     pub checkpoint: f64,
 }
 
 impl Default for OutputTable {
     fn default() -> Self {
-        OutputTable { vtk: None, checkpoint: 60.0 }
+        OutputTable { vtk: None, network: false, checkpoint: 60.0 }
     }
 }
 

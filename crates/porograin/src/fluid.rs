@@ -13,7 +13,7 @@ use crate::pores::mesh::{BLOCKED, Carried, Mesh, POINT, Walls};
 use crate::pores::shear::{self, Film};
 use crate::pores::store::{self, Store};
 use crate::pores::{
-    Coupling, Memory, Places, Point, PointWater, PoreState, Pores, Recipe, Stepping, System, geometric,
+    Coupling, Memory, Places, Point, PointWater, PoreState, Pores, Pull, Recipe, Stepping, System, geometric,
     viscous,
 };
 use crate::stability;
@@ -25,6 +25,7 @@ use porograin_geometry::throat::{Packing, radical_centres};
 use porograin_geometry::triangulation::wall;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 pub(crate) mod coarse;
 mod implicit;
@@ -52,6 +53,8 @@ pub struct Scratch {
     carried: Carried,
     /// What comes in through each face with an inflow, at the last step [m³/s].
     entering: [f64; 6],
+    /// The macroscopic gradient in the last step.
+    pull: Pull,
     /// Velocities of the grains beside the flow of a periodic cell.
     velocities: Velocities,
     implicit: Foreseen,
@@ -104,24 +107,51 @@ impl Scratch {
         let (mesh, water) = (self.mesh()?, state.pores()?);
         let into = permeability::fluxes(mesh, &water.pressure);
         let mut out: [f64; 6] = std::array::from_fn(|face| -into[face] - self.entering[face]);
-        let mut moved = Carried::default();
-        let carried = match (&water.implicit, &water.store) {
-            (None, _) => &self.carried,
-            (Some(_), Some(_)) => self.implicit.last(),
-            // The velocities after an implicit step are those that the pressures fit.
-            (Some(_), None) => {
-                moved.source.clone_from(&self.implicit.last().source);
-                let State { grains, domain, .. } = state;
-                mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut moved);
-                &moved
-            }
-        };
-        for (&held, rate) in mesh.held.iter().zip(&carried.node) {
+        for (&held, rate) in mesh.held.iter().zip(&self.moved(state, mesh, water).node) {
             if let Some(out) = out.get_mut(held as usize) {
                 *out -= rate;
             }
         }
         Some(out)
+    }
+
+    /// What the motion that the pressures fit carries out of the nodes.
+    fn moved(&self, state: &State, mesh: &Mesh, water: &PoreState) -> Cow<'_, Carried> {
+        match (&water.implicit, &water.store) {
+            (None, _) => Cow::Borrowed(&self.carried),
+            (Some(_), Some(_)) => Cow::Borrowed(self.implicit.last()),
+            // The velocities after an implicit step are those that the pressures fit.
+            (Some(_), None) => {
+                let source = self.implicit.last().source.clone();
+                let mut moved = Carried { source, ..Carried::default() };
+                let State { grains, domain, .. } = state;
+                mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut moved);
+                Cow::Owned(moved)
+            }
+        }
+    }
+
+    /// Flux through each link of the mesh, and what comes into each node through walls, in the last step [m³/s].
+    pub fn flows(&self, state: &State) -> Option<(Vec<f64>, Vec<f64>)> {
+        let (mesh, water) = (self.mesh()?, state.pores()?);
+        let flux = self.pull.fluxes(mesh, &water.pressure);
+        let moved = self.moved(state, mesh, water);
+        let mut entering = vec![0.0; mesh.nodes()];
+        for (&[i, j], &flux) in mesh.links.iter().zip(&flux) {
+            entering[i as usize] += flux;
+            entering[j as usize] -= flux;
+        }
+        for (node, entering) in entering.iter_mut().enumerate() {
+            let source = moved.source.get(node).copied().unwrap_or(0.0);
+            // Free nodes keep but what comes in through faces with an inflow; the gradient's sources come from no wall.
+            *entering += moved.node.get(node).copied().unwrap_or(0.0) + source;
+        }
+        Some((flux, entering))
+    }
+
+    /// The macroscopic gradient of the pressure in the last step [Pa/m].
+    pub fn gradient(&self) -> DVec3 {
+        self.pull.gradient
     }
 
     /// Whether only differences of the pores' pressures are known: the water is incompressible and no pressure is given.
@@ -144,6 +174,8 @@ pub struct Report {
     pub residual: f64,
     /// Whether the step was implicit.
     pub implicit: bool,
+    /// Power of a macroscopic gradient on water and grains [W].
+    pub gradient_power: f64,
     /// What must balance, at the steps that look at it.
     pub audit: Option<Audit>,
 }
@@ -383,7 +415,7 @@ pub fn advance(
     dt: f64,
     scratch: &mut Scratch,
 ) -> Result<Option<Report>, StepError> {
-    let Scratch { made, carried, entering, velocities, implicit: foreseen, darcy, .. } = scratch;
+    let Scratch { made, carried, entering, pull, velocities, implicit: foreseen, darcy } = scratch;
     foreseen.clear();
     if state.grid().is_some() {
         return coarse::advance(loads, state, model, dt, darcy);
@@ -416,6 +448,7 @@ pub fn advance(
     let sources = if implicit { foreseen.sources() } else { &mut carried.source };
     *entering = inflow(mesh, &model.faces, time, sources).map_err(|place| no_value(place, time))?;
     points(mesh, &pores.point, time, &mut water.pressure, sources).map_err(|place| no_value(place, time))?;
+    pull.add_sources(mesh, sources);
     let pressure = &mut water.pressure;
     let failed = |error| cannot_solve(error, mesh, grains);
     if let Some(store) = &mut water.store {
@@ -440,16 +473,19 @@ pub fn advance(
     }
     .map_err(failed)?;
     let look = state.step.is_multiple_of(budget::EVERY);
-    let audit = (look || water.store.is_some()).then(|| {
-        let carried = if implicit { foreseen.carried(mesh, grains, pressure) } else { carried };
+    let mut gradient_power = 0.0;
+    let audit = (look || water.store.is_some() || !pull.is_none()).then(|| {
+        let (velocities, carried) =
+            if implicit { foreseen.carried(mesh, grains, pressure) } else { (&*velocities, carried) };
+        gradient_power = pull.power(mesh, pressure, velocities);
         if let Some(store) = &mut water.store {
             store.take(mesh, system.capacity(), pressure, interval, carried);
         }
         let void = mesh.void.iter().sum();
-        look.then(|| Audit::of(mesh, carried, pressure, grains.len(), void))
+        look.then(|| Audit::of(mesh, carried, pressure, pull, grains.len(), void))
     });
     let audit = audit.flatten();
-    Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit, audit }))
+    Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit, gradient_power, audit }))
 }
 
 /// What the motion before the step carries out of the nodes.
@@ -564,6 +600,16 @@ pub fn lift(loads: &mut Loads, grains: &Grains, model: &Model) {
 pub fn shear(loads: &mut Loads, grains: &Grains, domain: &Domain, scratch: &Scratch) {
     if let Some(made) = &scratch.made {
         shear::add(loads, &made.films, grains, domain);
+    }
+}
+
+/// Adds what a macroscopic gradient of the pressure does to grains and walls, where the case asks for one.
+pub fn pull(loads: &mut Loads, state: &State, model: &Model, scratch: &mut Scratch) {
+    let Scratch { made: Some(Made { mesh, .. }), pull, .. } = scratch else { return };
+    if let Some(FluidModel { flow: Flow::Pores(pores), .. }) = &model.fluid {
+        let time = state.time - model.stage_start;
+        *pull = Pull::new(mesh, pores.gradient.each_ref().map(|signal| signal.at(time)).into());
+        pull.add_loads(mesh, loads);
     }
 }
 

@@ -4,6 +4,7 @@
 use crate::case::{BYTE_ORDER_MARK, CaseError, Place, reason};
 use glam::DVec3;
 use porograin_geometry::{Cell, Period};
+use std::ops::Range;
 
 /// Radii below this part of the box are taken for a mistake: their volumes would vanish in the rounding of that of the box.
 const SMALLEST: f64 = 5e-10;
@@ -41,56 +42,23 @@ pub fn read(path: &std::path::Path) -> Result<String, CaseError> {
 /// inside another one.
 pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
     let mut spheres = Spheres::default();
-    let mut offset = 0;
-    for (k, line) in text.split_inclusive('\n').enumerate() {
-        let start = offset;
-        offset += line.len();
-        let content = line.trim();
-        let first = spheres.radius.is_empty();
-        if content.is_empty() || content.starts_with('#') || (first && is_heading(content)) {
-            continue;
-        }
-        let fault = |from: usize, length: usize, sentence: String| CaseError {
-            sentence,
-            hint: None,
-            place: Some(Box::new(Place::in_file(name, text, start + from..start + from + length))),
+    for row in rows(name, text, &["x,y,z,r", "x,y,z,r,vx,vy,vz"])? {
+        let &[x, y, z, radius, ref rest @ ..] = &row.values[..] else { return Err(row.miscounted(GRAIN)) };
+        let velocity = match *rest {
+            [] => DVec3::ZERO,
+            [vx, vy, vz] => DVec3::new(vx, vy, vz),
+            _ => return Err(row.miscounted(GRAIN)),
         };
-        let mut values = [0.0_f64; 7];
-        let mut count = 0;
-        let mut column = 0;
-        for field in line.trim_end().split(',') {
-            let word = field.trim();
-            let from = column + field.find(word).unwrap_or(0);
-            column += field.len() + 1;
-            if count < values.len() {
-                values[count] = word
-                    .parse()
-                    .map_err(|_| fault(from, word.len(), format!("expected a number, found `{word}`")))?;
-                if !values[count].is_finite() {
-                    return Err(fault(from, word.len(), format!("`{word}` is not a finite number")));
-                }
-                if count == 3 && values[3] <= 0.0 {
-                    return Err(fault(
-                        from,
-                        word.len(),
-                        format!("the radius of a grain must be greater than 0, not {word}"),
-                    ));
-                }
-            }
-            count += 1;
+        if radius <= 0.0 {
+            let word = row.words[3].clone();
+            let sentence =
+                format!("the radius of a grain must be greater than 0, not {}", &text[word.clone()]);
+            return Err(row.fault(word, sentence));
         }
-        if count != 4 && count != 7 {
-            let numbers = if count == 1 { "number" } else { "numbers" };
-            return Err(fault(
-                0,
-                line.trim_end().len(),
-                format!("a grain is 4 numbers x,y,z,r, or 7 with vx,vy,vz, this line has {count} {numbers}"),
-            ));
-        }
-        spheres.position.push(DVec3::new(values[0], values[1], values[2]));
-        spheres.radius.push(values[3]);
-        spheres.velocity.push(DVec3::new(values[4], values[5], values[6]));
-        spheres.line.push(k + 1);
+        spheres.position.push(DVec3::new(x, y, z));
+        spheres.radius.push(radius);
+        spheres.velocity.push(velocity);
+        spheres.line.push(row.line);
     }
     if spheres.radius.is_empty() {
         return Err(CaseError::new(format!("the grain file {name} holds no grain")));
@@ -99,6 +67,85 @@ pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
         Some((i, j)) => Err(spheres.swallowing(name, text, i, j, "the centre")),
         None => Ok(spheres),
     }
+}
+
+/// What a line of a grain file holds.
+const GRAIN: &str = "a grain is 4 numbers x,y,z,r, or 7 with vx,vy,vz";
+
+/// Reads places [m] from the text of a file called `name`, one line `x,y,z` each.
+///
+/// # Errors
+/// A line that is not three finite numbers, or no place at all.
+pub fn places(name: &str, text: &str) -> Result<Vec<DVec3>, CaseError> {
+    let mut places = Vec::new();
+    for row in rows(name, text, &["x,y,z"])? {
+        let [x, y, z] = row.values[..] else { return Err(row.miscounted("a place is 3 numbers x,y,z")) };
+        places.push(DVec3::new(x, y, z));
+    }
+    if places.is_empty() {
+        return Err(CaseError::new(format!("the file {name} holds no place")));
+    }
+    Ok(places)
+}
+
+/// A line of finite numbers.
+struct Row<'a> {
+    name: &'a str,
+    text: &'a str,
+    values: Vec<f64>,
+    /// Where each number stands in the text.
+    words: Vec<Range<usize>>,
+    /// Where the line stands in the text.
+    whole: Range<usize>,
+    /// Its number, from 1.
+    line: usize,
+}
+
+impl Row<'_> {
+    fn fault(&self, place: Range<usize>, sentence: String) -> CaseError {
+        CaseError { sentence, hint: None, place: Some(Box::new(Place::in_file(self.name, self.text, place))) }
+    }
+
+    fn miscounted(&self, what: &str) -> CaseError {
+        let numbers = if self.values.len() == 1 { "number" } else { "numbers" };
+        let sentence = format!("{what}, this line has {} {numbers}", self.values.len());
+        self.fault(self.whole.clone(), sentence)
+    }
+}
+
+/// The lines of numbers of a text; empty ones, those that start with `#` and a first one with these `heads` are skipped.
+fn rows<'a>(name: &'a str, text: &'a str, heads: &[&str]) -> Result<Vec<Row<'a>>, CaseError> {
+    let mut rows = Vec::new();
+    let mut offset = 0;
+    for (k, line) in text.split_inclusive('\n').enumerate() {
+        let start = offset;
+        offset += line.len();
+        let content: String = line.chars().filter(|c| !c.is_whitespace()).collect();
+        let is_heading = rows.is_empty() && heads.contains(&content.to_lowercase().as_str());
+        if content.is_empty() || content.starts_with('#') || is_heading {
+            continue;
+        }
+        let (values, words) = (Vec::new(), Vec::new());
+        let whole = start..start + line.trim_end().len();
+        let mut row = Row { name, text, values, words, whole, line: k + 1 };
+        let mut column = start;
+        for field in line.trim_end().split(',') {
+            let word = field.trim();
+            let from = column + field.find(word).unwrap_or(0);
+            column += field.len() + 1;
+            let place = from..from + word.len();
+            let value: f64 = word
+                .parse()
+                .map_err(|_| row.fault(place.clone(), format!("expected a number, found `{word}`")))?;
+            if !value.is_finite() {
+                return Err(row.fault(place, format!("`{word}` is not a finite number")));
+            }
+            row.values.push(value);
+            row.words.push(place);
+        }
+        rows.push(row);
+    }
+    Ok(rows)
 }
 
 impl Spheres {
@@ -208,11 +255,6 @@ impl Spheres {
     }
 }
 
-fn is_heading(line: &str) -> bool {
-    let names: Vec<String> = line.split(',').map(|w| w.trim().to_lowercase()).collect();
-    names == ["x", "y", "z", "r"] || names == ["x", "y", "z", "r", "vx", "vy", "vz"]
-}
-
 /// The first pair, in order of x, of which one holds the centre of the other.
 fn swallowed(position: &[DVec3], radius: &[f64]) -> Option<(usize, usize)> {
     let mut order: Vec<usize> = (0..radius.len()).collect();
@@ -243,6 +285,10 @@ mod tests {
         assert_eq!(read.radius, [1.0, 0.5]);
         assert_eq!(read.line, [3, 4]);
         assert_eq!(read.velocity, [DVec3::ZERO; 2]);
+        let line = places("p.csv", "x, y, z\n1,2,3\n\n# none\n-1,0,5e-1\n").unwrap();
+        assert_eq!(line, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(-1.0, 0.0, 0.5)]);
+        let error = places("p.csv", "1,2,3\n1,2\n").unwrap_err();
+        assert!(error.sentence.starts_with("a place is 3 numbers x,y,z, this line has 2"), "{error}");
         let moving = spheres("g.csv", "x,y,z,r,vx,vy,vz\n0,0,0,1,-2,0.5,3\n").unwrap();
         assert_eq!((moving.radius[0], moving.velocity[0]), (1.0, DVec3::new(-2.0, 0.5, 3.0)));
     }

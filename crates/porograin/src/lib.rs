@@ -10,6 +10,7 @@ pub mod consolidation;
 pub mod contact;
 pub mod darcy;
 pub mod expression;
+pub mod field;
 pub mod fluid;
 pub mod grains;
 pub mod gravity;

@@ -229,9 +229,14 @@ pub fn fluxes(mesh: &Mesh, pressure: &[f64]) -> [f64; 6] {
     flow
 }
 
-/// Mean pressure at 13 heights `k/12`: over the pores cut by the plane, each weighted by its mean section.
+/// Mean pressure at 13 heights `k/12`: over the pores cut by the plane, each weighted by its mean section. Along a periodic axis
+/// the planes lie along the other two period vectors, and the last is the image of the first.
 pub fn profile(packing: Packing, mesh: &Mesh, pressure: &[f64], axis: usize) -> [f64; 13] {
-    let (from, to) = (packing.cell.origin[axis], packing.cell.upper()[axis]);
+    let periodic = packing.cell.periodic[axis];
+    let inverse = packing.cell.edges.inverse();
+    let along = |x: DVec3| if periodic { (inverse * (x - packing.cell.origin))[axis] } else { x[axis] };
+    let (from, to) =
+        if periodic { (0.0, 1.0) } else { (packing.cell.origin[axis], packing.cell.upper()[axis]) };
     let mut sum = [[0.0; 2]; 13];
     for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -240,7 +245,7 @@ pub fn profile(packing: Packing, mesh: &Mesh, pressure: &[f64], axis: usize) -> 
                 packing.point(&mesh.triangulation, pore, k),
                 porograin_geometry::triangulation::wall(vertices[k]),
             ) {
-                (Some(x), _) => x[axis],
+                (Some(x), _) => along(x),
                 (None, Some(face)) if face / 2 == axis => packing.cell.wall_position(face),
                 _ => continue,
             };
@@ -253,9 +258,11 @@ pub fn profile(packing: Packing, mesh: &Mesh, pressure: &[f64], axis: usize) -> 
         let weight = mesh.volume[pore] / (high - low);
         for (k, [p, w]) in sum.iter_mut().enumerate() {
             let at = height(k, from, to);
-            if low <= at && at <= high {
-                *p += weight * pressure[mesh.node[pore] as usize];
-                *w += weight;
+            // Of a pore that is met again a period later, each image counts.
+            let images = if periodic { (at - low).floor() - (at - high).ceil() + 1.0 } else { 1.0 };
+            if images > 0.0 && (periodic || (low <= at && at <= high)) {
+                *p += images * weight * pressure[mesh.node[pore] as usize];
+                *w += images * weight;
             }
         }
     }

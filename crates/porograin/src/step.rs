@@ -76,6 +76,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     fluid::shear(loads, grains, domain, water);
     contact::add(loads, touching, &surroundings, state.dt, contacts);
     membrane::add(loads, state, model).map_err(StepError::Membrane)?;
+    fluid::pull(loads, state, model, water);
     timers.lap("contact");
     let (dt, limit) = stability::time_step(state, model);
     timers.lap("time step");

@@ -1,17 +1,19 @@
 //! Watchers: which measures go into the history, and when.
 
+use crate::boundary::Water;
 use crate::darcy::Grid;
 use crate::fluid;
 use crate::grains::Loads;
 use crate::ledger::Ledger;
-use crate::measure;
+use crate::measure::{self, PoreFlow, Site, Walk};
 use crate::model::Model;
-use crate::pores::Mesh;
+use crate::pores::{Beside, Mesh};
 use crate::progress::Began;
 use crate::state::State;
 use crate::step::Report;
 use crate::walls::Place;
 use glam::DVec3;
+use porograin_geometry::throat::Packing;
 use serde::{Deserialize, Serialize};
 
 /// When to do something again and again.
@@ -103,6 +105,14 @@ pub enum Measure {
     PressureProfile,
     /// Water that leaves through each face.
     Outflow,
+    /// Water that flows past the grains, per area of the sample.
+    Discharge,
+    /// Share of the water in the stress of a periodic cell.
+    WaterStress,
+    /// Mean excess pressure at 13 places between left and right.
+    PressureProfileX,
+    /// Mean excess pressure at 13 places between front and back.
+    PressureProfileY,
 }
 
 /// The names that some measures have a column for each of.
@@ -119,7 +129,7 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 27] = [
+    pub const ALL: [Measure; 31] = [
         Measure::Porosity,
         Measure::Regions,
         Measure::Grading,
@@ -147,6 +157,10 @@ impl Measure {
         Measure::Pressure,
         Measure::PressureProfile,
         Measure::Outflow,
+        Measure::Discharge,
+        Measure::WaterStress,
+        Measure::PressureProfileX,
+        Measure::PressureProfileY,
     ];
 
     /// Its name in case files.
@@ -208,12 +222,30 @@ impl Measure {
             Measure::Pressure => "mean, least and greatest excess pressure of the pores",
             Measure::PressureProfile => "mean excess pressure at 13 heights, bottom to top",
             Measure::Outflow => "water leaving through each face",
+            Measure::Discharge => "flux of the water past the grains per area of the sample, along x, y, z",
+            Measure::WaterStress => {
+                "share of the water in the stress of a periodic cell, compression positive: what the pores press on it"
+            }
+            Measure::PressureProfileX => "mean excess pressure at 13 places, left to right",
+            Measure::PressureProfileY => "mean excess pressure at 13 places, front to back",
         }
     }
 
     /// Whether it is empty in a dry stage.
     pub fn needs_water(self) -> bool {
-        matches!(self, Measure::Pressure | Measure::PressureProfile | Measure::Outflow)
+        use Measure::{
+            Discharge, Outflow, Pressure, PressureProfile, PressureProfileX, PressureProfileY, WaterStress,
+        };
+        matches!(
+            self,
+            Pressure
+                | PressureProfile
+                | PressureProfileX
+                | PressureProfileY
+                | Outflow
+                | Discharge
+                | WaterStress
+        )
     }
 
     /// Heads of its columns, with units.
@@ -282,6 +314,16 @@ impl Measure {
             Measure::Pressure => list(&["pressure_mean [Pa]", "pressure_min [Pa]", "pressure_max [Pa]"]),
             Measure::PressureProfile => (0..PROFILE_POINTS).map(|k| format!("pressure_{k} [Pa]")).collect(),
             Measure::Outflow => faces("outflow", "m3/s"),
+            Measure::Discharge => list(&["discharge_x [m/s]", "discharge_y [m/s]", "discharge_z [m/s]"]),
+            Measure::WaterStress => {
+                crate::cell::COMPONENTS.map(|c| format!("water_stress_{c} [Pa]")).to_vec()
+            }
+            Measure::PressureProfileX => {
+                (0..PROFILE_POINTS).map(|k| format!("pressure_x_{k} [Pa]")).collect()
+            }
+            Measure::PressureProfileY => {
+                (0..PROFILE_POINTS).map(|k| format!("pressure_y_{k} [Pa]")).collect()
+            }
         }
     }
 }
@@ -315,6 +357,43 @@ impl Snapshot<'_> {
     /// The pores and the pressure of each node [Pa], in a stage with pores.
     pub fn pores(&self) -> Option<(&Mesh, &[f64])> {
         Some((self.water.mesh()?, &self.state.pores()?.pressure))
+    }
+
+    /// What a macroscopic gradient adds to the pressure at a place [Pa].
+    pub fn macroscopic(&self, x: DVec3) -> f64 {
+        self.water.gradient().dot(x - self.state.domain.cell.origin)
+    }
+
+    /// The grains beside the pores, in a stage with pores.
+    pub fn beside(&self) -> Option<Beside<'_>> {
+        Some(self.state.pores()?.beside(&self.state.grains, &self.state.domain))
+    }
+
+    /// The pores with their grains where they are now.
+    pub fn site<'b>(&'b self, beside: &'b Beside) -> Option<Site<'b>> {
+        let (mesh, water) = (self.water.mesh()?, self.state.pores()?);
+        let then = Packing {
+            cell: &water.mesh_cell,
+            position: &water.mesh_position,
+            radius: &self.state.grains.radius,
+        };
+        Some(Site::moved(beside.packing(), then, mesh))
+    }
+
+    /// What flows through them.
+    pub fn pore_flow(&self, site: &Site) -> Option<PoreFlow> {
+        let (flux, entering) = self.water.flows(self.state)?;
+        let open = self.model.faces.each_ref().map(|face| !matches!(face.water, Water::Sealed));
+        Some(PoreFlow::new(site, &flux, &entering, open))
+    }
+
+    /// How grains and walls move beside the pores, where each grain is named in the period that the pores know it in.
+    pub fn walk<'b>(&self, beside: &Beside, velocity: &'b mut Vec<DVec3>) -> Walk<'b> {
+        let State { grains, domain, .. } = self.state;
+        let image = |((&v, &x), &now): ((&DVec3, &DVec3), &DVec3)| v + domain.gradient * (now - x);
+        velocity.clear();
+        velocity.extend(grains.velocity.iter().zip(&grains.position).zip(beside.position.iter()).map(image));
+        Walk { grain: velocity, wall: domain.wall_velocity, gradient: domain.gradient }
     }
 
     /// The grid and the pressure of each cell and wall face [Pa], in a stage with coarse water.
@@ -403,6 +482,18 @@ impl Measure {
                 vec![sum / volume, least, greatest]
             }
             Measure::PressureProfile => now.water.profile(now.state, 2)?.to_vec(),
+            Measure::PressureProfileX => now.water.profile(now.state, 0)?.to_vec(),
+            Measure::PressureProfileY => now.water.profile(now.state, 1)?.to_vec(),
+            Measure::Discharge => {
+                let beside = now.beside()?;
+                let site = now.site(&beside)?;
+                now.pore_flow(&site)?.discharge(&site).to_array().to_vec()
+            }
+            Measure::WaterStress => {
+                let (mesh, pressure) = now.pores().filter(|_| domain.is_periodic())?;
+                let stress = mesh.stretching(pressure) * domain.cell.volume().recip();
+                stress.transpose().to_cols_array().to_vec()
+            }
             Measure::Outflow => {
                 if now.grid().is_some() {
                     return Some(now.water.darcy.flows.outflow.to_vec());

@@ -5,6 +5,7 @@ use glam::DVec3;
 use porograin::boundary::{Face, Signal, Solid, Water};
 use porograin::budget::{Audit, Budget, Unbalanced};
 use porograin::contact::{Contacts, Law, Linear};
+use porograin::pores::Pull;
 use porograin::pores::mesh::Carried;
 use porograin::pores::{Conductance, Coupling, Pores, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, measure, packing, step};
@@ -300,7 +301,7 @@ fn the_budget_balances_and_notices_what_does_not() {
     let State { grains, domain, .. } = &state;
     mesh.carried(&grains.velocity, &grains.spin, &domain.wall_velocity, &mut carried);
     let wrong: Vec<f64> = state.pores().unwrap().pressure.iter().map(|p| 1.5 * p).collect();
-    let seen = Audit::of(mesh, &carried, &wrong, grains.len(), 1.0);
+    let seen = Audit::of(mesh, &carried, &wrong, &Pull::default(), grains.len(), 1.0);
     assert!(seen.flux > 0.05 && seen.power > 0.05 && seen.force < 1e-12, "{seen:?}");
     // ... and a careless solve stops the run.
     let pores = Pores {

@@ -4,6 +4,7 @@ use super::{Case, CaseError, FaceTable, StageWater, nearest};
 use crate::boundary::{Signal, Solid, Water};
 use crate::contact::{Law, Restitution};
 use crate::darcy::{Cells, Darcy, Permeability, Transfer};
+use crate::field;
 use crate::model::{Flow, TimeStep};
 use crate::output::plot;
 use crate::pores::{Conductance, Coupling, PointWater, Pores, Stepping};
@@ -69,6 +70,7 @@ impl Case {
         for (k, watch) in self.watch.iter().enumerate() {
             self.every(&format!("watch.{k}.every"), &watch.every)?;
         }
+        self.fields()?;
         if let Some(every) = &self.output.vtk {
             self.every("output.vtk", every)?;
         }
@@ -273,6 +275,34 @@ impl Case {
         Ok(())
     }
 
+    /// Fields have names of their own, and places.
+    fn fields(&self) -> Result<(), CaseError> {
+        for (k, field) in self.field.iter().enumerate() {
+            let at = |key: &str| format!("field.{k}.{key}");
+            let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+            if field.name.is_empty() || !field.name.chars().all(plain) {
+                let sentence =
+                    format!("a field is called by one word of letters and digits, not `{}`", field.name);
+                return self.refuse(&at("name"), sentence);
+            }
+            if self.field[..k].iter().any(|other| other.name == field.name) {
+                return self.refuse(&at("name"), format!("two fields are called `{}`", field.name));
+            }
+            let counts = field.at.counts();
+            let count = counts.iter().fold(1, |all: usize, &count| all.saturating_mul(count));
+            if !(1..=field::MOST).contains(&count) {
+                let sentence = format!(
+                    "the field `{}` has {count} places, but it takes 1 to {}",
+                    field.name,
+                    field::MOST
+                );
+                return self.refuse(&at("at"), sentence);
+            }
+            self.every(&at("every"), &field.every)?;
+        }
+        Ok(())
+    }
+
     fn plots(&self) -> Result<(), CaseError> {
         let columns = plot::columns(&self.watch, &self.names());
         let known = |path: &str, word: &str, noun: &str, all: &[&str]| {
@@ -426,6 +456,7 @@ impl Case {
                 let path_implicit = format!("{path}.pores.implicit-residual");
                 self.number(&path_implicit, pores.implicit_residual, Range::Positive)?;
                 self.places(&format!("{path}.pores"), pores)?;
+                self.gradient(&format!("{path}.pores.gradient"), &pores.gradient)?;
                 if pores.coupling == Coupling::Geometric && pores.step == Stepping::Implicit {
                     return self.refuse(
                         &format!("{path}.pores.step"),
@@ -437,6 +468,29 @@ impl Case {
             }
             Flow::Darcy(darcy) => self.darcy(&format!("{path}.darcy"), darcy),
         }
+    }
+
+    /// A macroscopic gradient needs an axis that repeats.
+    fn gradient(&self, path: &str, gradient: &[Signal; 3]) -> Result<(), CaseError> {
+        for (axis, signal) in gradient.iter().enumerate() {
+            let path = format!("{path}.{axis}");
+            if signal.varies_in_space() {
+                let sentence = "a macroscopic gradient is the same everywhere: only t may stand in this formula, not x, y or z";
+                return self.refuse(&path, sentence);
+            }
+            self.signal(&path, signal)?;
+            if !self.domain.periodic.0[axis] && *signal != Signal::Constant(0.0) {
+                let along = ["x", "y", "z"][axis];
+                return Err(self
+                    .source
+                    .fault(
+                        &path,
+                        format!("a macroscopic gradient along {along} needs a domain that is periodic along {along}"),
+                    )
+                    .hint("between walls, give two faces water = { pressure = … }"));
+            }
+        }
+        Ok(())
     }
 
     /// Points lie in the box and outside blocked regions, which have an inside.

@@ -66,5 +66,10 @@ pub fn advance(
     state.fluid = Some(Fluid::Darcy(water));
     let info = solved
         .map_err(|error| StepError::Fluid(format!("the pressures of the grid cannot be found: {error}")))?;
-    Ok(Some(Report { iterations: info.iterations, residual: info.residual, implicit: true, audit: None }))
+    Ok(Some(Report {
+        iterations: info.iterations,
+        residual: info.residual,
+        implicit: true,
+        ..Report::default()
+    }))
 }

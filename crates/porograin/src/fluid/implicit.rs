@@ -141,8 +141,8 @@ impl Foreseen {
         }
     }
 
-    /// What moves out of the nodes with the velocities that the pressures just found lead to.
-    pub fn carried(&mut self, mesh: &Mesh, grains: &Grains, pressure: &[f64]) -> &mut Carried {
+    /// The velocities that the pressures just found lead to, and what moves out of the nodes with them.
+    pub fn carried(&mut self, mesh: &Mesh, grains: &Grains, pressure: &[f64]) -> (&Velocities, &mut Carried) {
         let Foreseen { velocities, walls, cell, pushed, kick, carried, room, .. } = self;
         let mut mobility = Mobility { grains, kick: *kick, wall: [0.0; 6], cell: cell.mobility };
         let held = |face: usize| velocities.wall[face].length() >= walls[face].limit;
@@ -151,6 +151,6 @@ impl Foreseen {
         }
         room.push_free(mesh, &mobility, pressure, velocities);
         mesh.carried_with_cell(velocities, carried);
-        carried
+        (velocities, carried)
     }
 }

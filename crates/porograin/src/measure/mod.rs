@@ -4,17 +4,21 @@
 
 mod directions;
 mod energy;
+mod flow;
 mod local;
 mod microstructure;
 mod region;
+mod sensor;
 mod stress;
 pub use directions::{CLASSES, Directions, LAYERS, Profile, directions, profile};
 pub use energy::{elastic_energy, kinetic_energy, unbalanced};
+pub use flow::{PoreFlow, Site, Walk};
 pub use local::{Local, displacement, local, places, strain_deviator};
 pub use microstructure::{
     PASSING, compression, coordination, diameter, fabric, oedometric_modulus, porosity, rattlers, settlement,
 };
 pub use region::{Region, region_porosity};
+pub use sensor::{Found, Sensor};
 pub use stress::{contact_stress, grain_stress, invariants, mean_stress, wall_stress};
 
 use crate::contact::{ContactLaw, Surroundings, Touch};

@@ -6,6 +6,7 @@ use super::summary::Summary;
 use super::table::Table;
 use super::{frame, replace, vtk};
 use crate::case::{Case, reason};
+use crate::field::{self, Field};
 use crate::progress::Progress;
 use crate::state::State;
 use crate::watch::{Every, Measure, Names, Snapshot, Watch};
@@ -25,8 +26,10 @@ pub struct Folder {
     /// What some measures have a column for each of.
     names: Names,
     vtk: Option<Every>,
+    network: bool,
     plots: Vec<Plot>,
     history: Table,
+    fields: Vec<(Field, Table)>,
     written: Written,
     /// What `summary.json` says.
     pub summary: Summary,
@@ -46,6 +49,8 @@ pub struct Written {
     pub history: u64,
     /// The interval of each watch that has its row.
     pub rows: Vec<Option<u64>>,
+    /// Bytes of the table of each field, and the interval that has its rows.
+    pub fields: Vec<(u64, Option<u64>)>,
     /// Frames for ParaView.
     pub frames: Vec<Frame>,
     /// The interval that has its frame.
@@ -63,6 +68,8 @@ pub struct Frame {
     pub grid: bool,
     /// Whether it has walls that the case adds.
     pub walls: bool,
+    /// Whether it has throats and Voronoi edges.
+    pub network: bool,
 }
 
 /// Why a folder cannot be used: one sentence.
@@ -116,8 +123,19 @@ impl Folder {
         let measures = measures(&case.watch);
         let history =
             Table::create(&path.join("history.csv"), &heads(&measures, &case.names())).map_err(failed)?;
-        let written =
-            Written { history: history.length(), rows: vec![None; case.watch.len()], ..Written::default() };
+        let mut fields = Vec::new();
+        for field in &case.field {
+            let heads: Vec<String> =
+                ["stage"].iter().chain(&field::HEADS).map(|&head| head.to_owned()).collect();
+            let table = Table::create(&path.join(table_of(field)), &heads).map_err(failed)?;
+            fields.push((field.clone(), table));
+        }
+        let written = Written {
+            history: history.length(),
+            rows: vec![None; case.watch.len()],
+            fields: fields.iter().map(|(_, table)| (table.length(), None)).collect(),
+            ..Written::default()
+        };
         Ok(Folder {
             path: path.to_owned(),
             case_text,
@@ -125,8 +143,10 @@ impl Folder {
             measures,
             names: case.names(),
             vtk: case.output.vtk,
+            network: case.output.network,
             plots: case.plot.clone(),
             history,
+            fields,
             written,
             summary: Summary::new(&case.title),
             _lock: lock,
@@ -152,6 +172,13 @@ impl Folder {
             .map_err(|e| FolderError(format!("cannot resume from {}: {e}", checkpoint_path.display())))?;
         let history = Table::reopen(&path.join("history.csv"), written.history)
             .map_err(|e| FolderError(format!("cannot go on writing {shown}/history.csv: {}", reason(&e))))?;
+        let mut fields = Vec::new();
+        for (field, &(length, _)) in case.field.iter().zip(&written.fields) {
+            let table = Table::reopen(&path.join(table_of(field)), length).map_err(|e| {
+                FolderError(format!("cannot go on writing {shown}/{}: {}", table_of(field), reason(&e)))
+            })?;
+            fields.push((field.clone(), table));
+        }
         let summary = fs::read_to_string(path.join("summary.json"))
             .ok()
             .and_then(|text| serde_json::from_str(&text).ok())
@@ -166,8 +193,10 @@ impl Folder {
             names: case.names(),
             watches: case.watch.clone(),
             vtk: case.output.vtk,
+            network: case.output.network,
             plots: case.plot.clone(),
             history,
+            fields,
             written,
             summary,
             _lock: lock,
@@ -209,6 +238,18 @@ impl Folder {
             let path = || self.path.join("history.csv");
             self.history.row(now.stage, &cells).map_err(|e| (path(), e))?;
             self.written.history = self.history.length();
+        }
+        for ((field, table), (length, last)) in self.fields.iter_mut().zip(&mut self.written.fields) {
+            let interval = Some(field.every.interval(time, step));
+            if !stage_end && *last == interval {
+                continue;
+            }
+            *last = interval;
+            let path = || self.path.join(table_of(field));
+            for row in field.rows(now).unwrap_or_default() {
+                table.row(now.stage, &row).map_err(|e| (path(), e))?;
+            }
+            *length = table.length();
         }
         let interval = self.vtk.map(|every| every.interval(time, step));
         if stage_end || (interval.is_some() && self.written.frame != interval) {
@@ -276,11 +317,13 @@ impl Folder {
         put(Kind::Grains, frame::grains(now))?;
         let (pores, grid) = (frame::pores(now), frame::grid(now));
         let walls = frame::walls(now);
+        let network = self.network.then(|| frame::network(now)).flatten();
         let frame = Frame {
             time: now.state.time,
             pores: pores.is_some(),
             grid: grid.is_some(),
             walls: walls.is_some(),
+            network: network.is_some(),
         };
         if let Some(mesh) = pores {
             put(Kind::Pores, vtk::mesh(&mesh))?;
@@ -290,6 +333,10 @@ impl Folder {
         }
         if let Some(bytes) = walls {
             put(Kind::Walls, bytes)?;
+        }
+        if let Some([throats, edges]) = network {
+            put(Kind::Throats, throats)?;
+            put(Kind::Edges, edges)?;
         }
         self.written.frames.push(frame);
         self.write_series().map_err(|e| (self.path.join("vtk"), e))
@@ -330,8 +377,13 @@ impl Folder {
     }
 }
 
+/// The name of the table of a field.
+fn table_of(field: &Field) -> String {
+    format!("field-{}.csv", field.name)
+}
+
 /// All series of frames.
-const KINDS: [Kind; 4] = [Kind::Grains, Kind::Pores, Kind::Grid, Kind::Walls];
+const KINDS: [Kind; 6] = [Kind::Grains, Kind::Pores, Kind::Grid, Kind::Walls, Kind::Throats, Kind::Edges];
 
 /// The state at the last checkpoint of the run in the folder `path`; nothing is changed there.
 ///
@@ -354,6 +406,8 @@ enum Kind {
     Pores,
     Grid,
     Walls,
+    Throats,
+    Edges,
 }
 
 impl Kind {
@@ -363,6 +417,8 @@ impl Kind {
             Kind::Pores => ("pores_", ".vtu"),
             Kind::Grid => ("grid_", ".vtu"),
             Kind::Walls => ("walls_", ".vtp"),
+            Kind::Throats => ("throats_", ".vtp"),
+            Kind::Edges => ("edges_", ".vtp"),
         }
     }
 
@@ -372,6 +428,7 @@ impl Kind {
             Kind::Pores => frame.pores,
             Kind::Grid => frame.grid,
             Kind::Walls => frame.walls,
+            Kind::Throats | Kind::Edges => frame.network,
         }
     }
 
@@ -393,6 +450,8 @@ impl Kind {
             Kind::Pores => "pores.pvd",
             Kind::Grid => "grid.pvd",
             Kind::Walls => "walls.pvd",
+            Kind::Throats => "throats.pvd",
+            Kind::Edges => "edges.pvd",
         }
     }
 }

@@ -1,13 +1,14 @@
 //! One instant for ParaView.
 
-use super::vtk::{self, Field, PoreMesh, Shape, Values};
+use super::vtk::{self, Cells, Field, PoreMesh, Shape, Values};
 use crate::darcy::{self, Grid};
 use crate::grains::Loads;
-use crate::measure;
+use crate::measure::{self, Site};
 use crate::pores::Mesh;
 use crate::watch::Snapshot;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
+use porograin_geometry::throat::corners;
 use porograin_geometry::triangulation::wall;
 
 /// The grains, in order of their id.
@@ -31,6 +32,7 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         water.force = darcy::pressure::force(grid, pressure).0;
     }
     let fluid_force = vectors(&water.force);
+    let fluid_velocity = flow(now).map(|(_, around)| vectors(&around)).unwrap_or_default();
     let stress = measure::grain_stress(now.state, now.model);
     let deviator: Vec<f64> = order.iter().map(|&i| measure::invariants(stress[i])[1]).collect();
     let stress: Vec<[f64; 6]> = order.iter().map(|&i| symmetric(stress[i])).collect();
@@ -49,6 +51,10 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         some(Field { name: "porosity [-]", values: Values::Scalars(&porosity) }, !porosity.is_empty()),
         some(Field { name: "strain [-]", values: Values::Tensors(&strain) }, !strain.is_empty()),
         some(Field { name: "strain deviator [-]", values: Values::Scalars(&shear) }, !shear.is_empty()),
+        some(
+            Field { name: "fluid velocity [m/s]", values: Values::Vectors(&fluid_velocity) },
+            !fluid_velocity.is_empty(),
+        ),
     ];
     let always = [
         Field { name: "displacement [m]", values: Values::Vectors(&displacement) },
@@ -101,8 +107,83 @@ fn symmetric(s: DMat3) -> [f64; 6] {
 /// The pores with their pressure; `None` in a dry stage.
 pub fn pores(now: &Snapshot) -> Option<PoreMesh> {
     let (mesh, pressure) = now.pores()?;
-    let beside = now.state.pores()?.beside(&now.state.grains, &now.state.domain);
-    Some(pore_mesh(mesh, &beside.position, &beside.cell, pressure))
+    let beside = now.beside()?;
+    let mut drawn = pore_mesh(mesh, &beside.position, &beside.cell, pressure);
+    let (velocity, _) = flow(now)?;
+    drawn.vectors.push(("velocity [m/s]".into(), velocity));
+    Some(drawn)
+}
+
+/// Velocity of the water in each pore, and around each grain where it is named now [m/s].
+fn flow(now: &Snapshot) -> Option<(Vec<DVec3>, Vec<DVec3>)> {
+    let (beside, mut room) = (now.beside()?, Vec::new());
+    let site = now.site(&beside)?;
+    let flow = now.pore_flow(&site)?;
+    let walk = now.walk(&beside, &mut room);
+    let velocity = flow.velocity(&site, &walk);
+    let mut around = flow.around_grains(&site, &walk, &velocity);
+    for ((around, &there), &here) in around.iter_mut().zip(&*beside.position).zip(&now.state.grains.position)
+    {
+        *around -= walk.gradient * (there - here);
+    }
+    Some((velocity, around))
+}
+
+/// The throats and the Voronoi edges, as two files; `None` without pores.
+pub fn network(now: &Snapshot) -> Option<[Vec<u8>; 2]> {
+    let beside = now.beside()?;
+    let site = now.site(&beside)?;
+    let (flux, _) = now.water.flows(now.state)?;
+    Some([throats(&site, &flux), edges(&site, &flux)])
+}
+
+/// The throats as polygons, each beside its first pore: triangles, and at walls the quadrilaterals down to them. `flux` is that through
+/// each link, from the first pore, at the back of the polygon, to the second [m³/s]. Throats inside of a node carry nothing that is
+/// known, and are left out.
+pub fn throats(site: &Site, flux: &[f64]) -> Vec<u8> {
+    let (mut points, mut ends, mut through) = (Vec::new(), Vec::new(), Through::default());
+    for (throat, link) in site.mesh.throats() {
+        let Some(link) = link else { continue };
+        let (corners, count) = corners(site.packing, &site.mesh.triangulation, &throat);
+        points.extend(&corners[..count]);
+        ends.push(points.len());
+        through.add(site, flux, link);
+    }
+    vtk::cells(Cells::Polygons, &points, ends.into_iter(), &through.fields())
+}
+
+/// The Voronoi edges as lines, from the radical centre of the first pore of each throat to that of the second, in one piece also where it
+/// crosses the period.
+pub fn edges(site: &Site, flux: &[f64]) -> Vec<u8> {
+    let (mut points, mut through) = (Vec::new(), Through::default());
+    for (throat, link) in site.mesh.throats() {
+        let Some(link) = link else { continue };
+        let [from, to] = throat.pores.map(|pore| site.centre[pore as usize]);
+        points.extend([from, to + site.packing.cell.shift(throat.shift)]);
+        through.add(site, flux, link);
+    }
+    vtk::cells(Cells::Lines, &points, (0..points.len() / 2).map(|k| 2 * k + 2), &through.fields())
+}
+
+/// What goes with each link.
+#[derive(Default)]
+struct Through {
+    flux: Vec<f64>,
+    conductance: Vec<f64>,
+}
+
+impl Through {
+    fn add(&mut self, site: &Site, flux: &[f64], link: usize) {
+        self.flux.push(flux[link]);
+        self.conductance.push(site.mesh.conductance[link]);
+    }
+
+    fn fields(&self) -> [Field<'_>; 2] {
+        [
+            Field { name: "flux [m3/s]", values: Values::Scalars(&self.flux) },
+            Field { name: "conductance [m3/(Pa s)]", values: Values::Scalars(&self.conductance) },
+        ]
+    }
 }
 
 /// The grid with pressure, porosity and permeability of its cells; `None` without coarse water.

@@ -48,6 +48,8 @@ pub struct PoreMesh {
     pub corners: Vec<u32>,
     /// Numbers on each cell, by name.
     pub scalars: Vec<(String, Vec<f64>)>,
+    /// Vectors on each cell, by name.
+    pub vectors: Vec<(String, Vec<DVec3>)>,
 }
 
 /// The bytes of a `.vtp` file with one vertex per point.
@@ -73,26 +75,53 @@ pub fn points(position: &[DVec3], fields: &[Field]) -> Vec<u8> {
     file.finish(xml)
 }
 
+/// What the cells of a surface or a network are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cells {
+    /// Flat polygons.
+    Polygons,
+    /// Lines.
+    Lines,
+}
+
 /// The bytes of a `.vtp` file with triangles, and fields on them.
 pub fn surface(triangles: &[[DVec3; 3]], fields: &[Field]) -> Vec<u8> {
-    let n = triangles.len();
+    cells(Cells::Polygons, triangles.as_flattened(), (0..triangles.len()).map(|k| 3 * k + 3), fields)
+}
+
+/// The bytes of a `.vtp` file with cells that have their corners one after the other in `points`, each up to an `end`, and
+/// fields on them.
+pub fn cells(
+    kind: Cells,
+    points: &[DVec3],
+    ends: impl ExactSizeIterator<Item = usize>,
+    fields: &[Field],
+) -> Vec<u8> {
+    let (lines, polygons) = match kind {
+        Cells::Lines => (ends.len(), 0),
+        Cells::Polygons => (0, ends.len()),
+    };
     let mut file = Appended::default();
     let mut xml = String::from(HEAD_POLY);
     let _ = writeln!(
         xml,
-        "<PolyData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"0\" \
-         NumberOfPolys=\"{n}\">\n<CellData>",
-        3 * n
+        "<PolyData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"{lines}\" NumberOfStrips=\"0\" \
+         NumberOfPolys=\"{polygons}\">\n<CellData>",
+        points.len()
     );
     for field in fields {
         file.field(&mut xml, field);
     }
     xml.push_str("</CellData>\n<Points>\n");
-    file.field(&mut xml, &Field { name: "position", values: Values::Vectors(triangles.as_flattened()) });
-    xml.push_str("</Points>\n<Polys>\n");
-    file.integers(&mut xml, "connectivity", 0..3 * n as i64);
-    file.integers(&mut xml, "offsets", (1..=n as i64).map(|k| 3 * k));
-    xml.push_str("</Polys>\n</Piece>\n</PolyData>\n");
+    file.field(&mut xml, &Field { name: "position", values: Values::Vectors(points) });
+    let element = match kind {
+        Cells::Lines => "Lines",
+        Cells::Polygons => "Polys",
+    };
+    let _ = writeln!(xml, "</Points>\n<{element}>");
+    file.integers(&mut xml, "connectivity", 0..points.len() as i64);
+    file.integers(&mut xml, "offsets", ends.map(|end| end as i64));
+    let _ = writeln!(xml, "</{element}>\n</Piece>\n</PolyData>");
     file.finish(xml)
 }
 
@@ -109,6 +138,9 @@ pub fn mesh(pores: &PoreMesh) -> Vec<u8> {
     xml.push_str("<CellData>\n");
     for (name, values) in &pores.scalars {
         file.field(&mut xml, &Field { name, values: Values::Scalars(values) });
+    }
+    for (name, values) in &pores.vectors {
+        file.field(&mut xml, &Field { name, values: Values::Vectors(values) });
     }
     xml.push_str("</CellData>\n<Points>\n");
     file.field(&mut xml, &Field { name: "position", values: Values::Vectors(&pores.points) });

@@ -1,11 +1,12 @@
 //! What a period adds to the pores (Marzougui §2.6): the image of a pore that lies a whole number of periods `d` away has
 //! the pressure `p + G·d`, G the macroscopic gradient, and moves with the deformation of the cell.
 
-use super::mesh::{Carried, Mesh};
+use super::mesh::{Carried, Mesh, between};
 use crate::grains::Loads;
 use crate::motion::Velocities;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
+use porograin_geometry::throat::{Throat, throats};
 use porograin_geometry::triangulation::{Vertex, wall};
 
 /// Where the pores and the links of a mesh lie among the images of a periodic cell.
@@ -104,6 +105,18 @@ impl Mesh {
             flux[link as usize] -= self.conductance[link as usize] * gradient.dot(beyond);
         }
         flux
+    }
+
+    /// Every throat, with its link where it has one: throats inside of a node have none.
+    pub fn throats(&self) -> impl Iterator<Item = (Throat, Option<usize>)> {
+        let mut links = 0..self.links.len();
+        throats(&self.triangulation).into_iter().map(move |throat| {
+            let [i, j] = throat.pores.map(|pore| pore as usize);
+            let frames = self.images.as_ref().map(|images| [images.frame[i], images.frame[j]]);
+            let away = frames.map_or([0; 3], |[i, j]| between(throat.shift, i, j));
+            let open = self.node[i] != self.node[j] || away != [0; 3];
+            (throat, if open { links.next() } else { None })
+        })
     }
 
     /// Flux times the period it crosses, summed over the links [m⁴/s]: over the volume of the cell, the mean velocity.

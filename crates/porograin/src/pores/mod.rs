@@ -9,6 +9,7 @@ pub mod implicit;
 pub mod mesh;
 pub mod places;
 pub mod pressure;
+pub mod pull;
 pub mod shear;
 pub mod store;
 pub mod viscous;
@@ -18,9 +19,10 @@ pub use implicit::Memory;
 pub use mesh::{Census, Mesh, Walls};
 pub use places::{Block, Places, Point, PointWater};
 pub use pressure::System;
+pub use pull::Pull;
 pub use store::Store;
 
-use crate::boundary::Domain;
+use crate::boundary::{Domain, Signal};
 use crate::grains::Grains;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Cell;
@@ -50,6 +52,8 @@ pub struct Pores {
     pub implicit_residual: f64,
     /// Whether grains that slide past each other drag the water between them (Catalano 6.29-6.30).
     pub shear_forces: bool,
+    /// Macroscopic gradient of the pressure along the periodic axes of the cell [Pa/m].
+    pub gradient: [Signal; 3],
     /// Points with a pressure or a source.
     pub point: Vec<Point>,
     /// Regions that let no water through.
@@ -67,6 +71,7 @@ impl Default for Pores {
             step: Stepping::Auto,
             implicit_residual: implicit::RESIDUAL,
             shear_forces: false,
+            gradient: [0.0; 3].map(Signal::Constant),
             point: Vec::new(),
             blocked: Vec::new(),
         }
