@@ -167,6 +167,12 @@ fn report(folder: &Folder) {
             water.power,
             water.mass_drift
         );
+        if water.gradient_work != 0.0 {
+            say!(
+                "              a macroscopic gradient gave {:.3e} J to water and grains",
+                water.gradient_work
+            );
+        }
         say!(
             "              {} meshes made for their strain ({} rebuilt, the others by {} flips and {} holes), {} for new rules; \
              {} pores merged, {} throats closed, {} clamped",

@@ -324,3 +324,103 @@ fn a_lost_summary_is_told() {
     assert!(said.contains("warning: summary.json was lost or damaged"), "{said}");
     assert!(stdout.contains("summary.json was lost or damaged"), "{stdout}");
 }
+
+/// Water driven through a periodic cell of loose grains that its gradient just carries.
+const DRIVEN: &str = r#"
+title = "Grains float in a stream"
+gravity = [0.0, 0.0, -9.81]
+time-step = { fixed = 1e-6 }
+[domain]
+size = [0.01, 0.01, 0.01]
+periodic = "xyz"
+[grains]
+packing = { cloud = { count = 40, porosity = 0.75, seed = 5 } }
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 20.0
+[fluid]
+viscosity = 1e-2
+# (rho_s - rho_f) g (1 - n)
+flow = { pores = { gradient = [0.0, 0.0, -3924.0], residual = 1e-10, implicit-residual = 1e-10 } }
+[[stage]]
+name = "float"
+until = { steps = 101 }
+[[watch]]
+measures = ["discharge", "water-stress", "pressure-profile", "pressure-profile-x", "pressure", "outflow"]
+every = { steps = 1 }
+[[field]]
+name = "up"
+at = { line = { from = [0.005, 0.005, 0.0], to = [0.005, 0.005, 0.01], count = 3 } }
+every = { steps = 100 }
+"#;
+
+#[test]
+fn a_gradient_drives_water_as_the_permeability_says_and_the_budget_is_told() {
+    let folder = folder("driven");
+    fs::write(folder.join("driven.toml"), DRIVEN).unwrap();
+    // One step of grains at rest, and the permeability of these grains.
+    finish(&folder, &["run", "driven.toml", "--out", "one", "--set", "stage.float.until.steps=1", "--quiet"]);
+    finish(&folder, &["export", "one", "grains.csv"]);
+    let measured =
+        ["permeability", "grains.csv", "--period", "0.01,0.01,0.01", "--viscosity", "1e-2", "--json"];
+    let (stdout, _) = finish(&folder, &measured);
+    let found: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    let k = |row: usize| found["permeability_tensor"][row][2].as_f64().unwrap();
+    let history = fs::read_to_string(folder.join("one/history.csv")).unwrap();
+    let mut lines = history.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let (heads, row) = (lines.next().unwrap(), lines.next().unwrap());
+    let value = |name: &str| -> f64 {
+        let column = heads.iter().position(|head| head.starts_with(&format!("{name} ["))).unwrap();
+        row[column].parse().unwrap()
+    };
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let (flux, expected) = (value(&format!("discharge_{name}")), k(axis) * 3924.0 / 1e-2);
+        // In that step the grains begin to move.
+        assert!((flux - expected).abs() < 1e-3 * k(2) * 3924.0 / 1e-2, "{name}: {flux} {expected}");
+    }
+    // Ends of a profile along a period are one place; without the macroscopic part their pressures are one.
+    for name in ["pressure", "pressure_x"] {
+        assert_eq!(value(&format!("{name}_0")), value(&format!("{name}_12")));
+    }
+    assert!(value("water_stress_xx").abs() > 0.0);
+    // The field has the macroscopic part: over the period it is what the gradient says.
+    let field = fs::read_to_string(folder.join("one/field-up.csv")).unwrap();
+    let pressure =
+        |line: usize| -> f64 { field.lines().nth(line).unwrap().split(',').nth(5).unwrap().parse().unwrap() };
+    assert!((pressure(1) - pressure(3) - 39.24).abs() < 1e-6, "{field}");
+    // All that must balance, told at the end, and that the level is free.
+    let (_, said) = finish(&folder, &["run", "driven.toml", "--out", "whole"]);
+    for item in [
+        "iterations per step",
+        "flux left over",
+        "force sum",
+        "work less dissipation",
+        "mass drift",
+        "a macroscopic gradient gave",
+        "0 meshes made for their strain",
+        "1 for new rules",
+        "pores merged",
+        "throats closed",
+        "clamped",
+        "no pressure is given anywhere: pressures count from their mean",
+    ] {
+        assert!(said.contains(item), "{item} is not told in {said}");
+    }
+    let summary = fs::read_to_string(folder.join("whole/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    documented(&summary);
+    let budget = |key: &str| summary["budget"][key].as_f64().unwrap();
+    assert!(budget("gradient_work") > 0.0 && budget("power") < 1e-6 && budget("flux") < 1e-6, "{said}");
+    assert!(budget("mass_drift").abs() < 1e-9 && budget("force") < 1e-12, "{said}");
+    // Before the run too, and in a sealed box, but not where a pressure is given.
+    let level = |more: &[&str]| {
+        let (stdout, stderr) = finish(&folder, &[&["check", "driven.toml"], more].concat());
+        (stdout + &stderr).contains("no pressure is given anywhere")
+    };
+    assert!(level(&[]));
+    let walled = ["--set", "domain.periodic=''", "--set", "fluid.flow.pores.gradient=[0,0,0]"];
+    assert!(level(&walled));
+    assert!(!level(&[&walled[..], &["--set", "face.top.water.pressure=0"]].concat()));
+}

@@ -13,8 +13,8 @@ use crate::pores::mesh::{BLOCKED, Carried, Mesh, POINT, Walls};
 use crate::pores::shear::{self, Film};
 use crate::pores::store::{self, Store};
 use crate::pores::{
-    Coupling, Memory, Places, Point, PointWater, PoreState, Pores, Pull, Recipe, Stepping, System, geometric,
-    viscous,
+    Coupling, Detached, Memory, Places, Point, PointWater, PoreState, Pores, Pull, Recipe, Stepping, System,
+    geometric, viscous,
 };
 use crate::stability;
 use crate::state::State;
@@ -22,7 +22,6 @@ use crate::step::StepError;
 use glam::{DMat3, DVec3};
 use porograin_geometry::Repair;
 use porograin_geometry::throat::{Packing, radical_centres};
-use porograin_geometry::triangulation::wall;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -384,23 +383,12 @@ fn make(
 pub(crate) const EXPECTED_SOLVES: usize = 1000;
 
 fn cannot_solve(error: porograin_linear::Error, mesh: &Mesh, grains: &Grains) -> StepError {
-    let porograin_linear::Error::Singular { nodes } = &error else {
-        return StepError::Fluid(format!("the pressures cannot be found: {error}"));
-    };
-    let pore = nodes
-        .first()
-        .and_then(|first| mesh.unknown.iter().position(|u| u == first))
-        .and_then(|node| mesh.node.iter().position(|&n| n as usize == node));
-    let around: Vec<String> = pore.map_or(Vec::new(), |pore| {
-        let vertices = mesh.triangulation.pores[pore].iter();
-        vertices.filter(|&&v| wall(v).is_none()).map(|&v| grains.id[v as usize].to_string()).collect()
-    });
-    StepError::Fluid(format!(
-        "{} pores, one of them between the grains {}, are cut off from every place with an imposed pressure: overlapping \
-         grains or blocked regions close all throats around them",
-        nodes.len(),
-        around.join(", ")
-    ))
+    StepError::Fluid(match error {
+        porograin_linear::Error::Singular { .. } => {
+            Detached::of(mesh, |grain| grains.id[grain as usize]).to_string()
+        }
+        error => format!("the pressures cannot be found: {error}"),
+    })
 }
 
 /// Solves for the pressures that the motion of grains and walls calls for: the motion before the step, or, in an

@@ -6,7 +6,7 @@ pub use periodic::{Flow, PeriodicOutcome, PeriodicProblem, measure_periodic};
 use crate::boundary::Slip;
 use crate::grains::{Loads, sphere_volume};
 use crate::pores::mesh::{Mesh, Walls};
-use crate::pores::{Conductance, Coupling, Solver, System, geometric};
+use crate::pores::{Conductance, Coupling, Detached, Solver, System, geometric};
 use glam::DVec3;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::{Cell, Triangulation, TriangulationError};
@@ -89,14 +89,28 @@ pub struct Outcome {
 pub enum PermeabilityError {
     /// The grains cannot be triangulated.
     Triangulation(TriangulationError),
+    /// Some pores are cut off.
+    Detached(Detached),
     /// The pressures cannot be found.
     Solve(porograin_linear::Error),
+}
+
+impl PermeabilityError {
+    fn solve(error: porograin_linear::Error, mesh: &Mesh) -> Self {
+        match error {
+            porograin_linear::Error::Singular { .. } => {
+                PermeabilityError::Detached(Detached::of(mesh, |grain| grain))
+            }
+            error => PermeabilityError::Solve(error),
+        }
+    }
 }
 
 impl fmt::Display for PermeabilityError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             PermeabilityError::Triangulation(error) => error.fmt(f),
+            PermeabilityError::Detached(pores) => pores.fmt(f),
             PermeabilityError::Solve(error) => error.fmt(f),
         }
     }
@@ -130,7 +144,7 @@ pub fn measure(
     held[low] = problem.drop;
     mesh.hold_faces(&held, &mut pressure);
     let mut system = System::new(&mesh, problem.solver.method(), problem.residual.max(ROUGH), 1)
-        .map_err(PermeabilityError::Solve)?;
+        .map_err(|error| PermeabilityError::solve(error, &mesh))?;
     let zero = vec![0.0; mesh.nodes()];
     let mut info = system.solve(&mesh, &zero, &mut pressure).map_err(PermeabilityError::Solve)?;
     // The residual is relative to the largest conductances at the open faces; where radical centres nearly coincide

@@ -157,51 +157,38 @@ fn a_lattice_is_fluidised_at_the_critical_gradient() {
     assert!((discharge(&state, &work) - velocity).length() < 1e-8 * velocity.z);
 }
 
-/// What the gradient gives is what the water dissipates and what the grains have gained.
+/// What the gradient gives is what the water dissipates, and what it does to grains and cell, in every step.
 #[test]
 fn the_work_of_the_gradient_is_dissipated_or_moves_the_grains() {
     for stepping in [Stepping::Explicit, Stepping::Implicit] {
-        let (mut state, dt) = (start(), 4e-5);
-        let mut model = Model {
-            cell: CellRule {
-                gradient: porograin::cell::Components {
-                    xz: Some(Signal::Constant(0.05)),
-                    ..Default::default()
-                },
-                ..Default::default()
-            },
-            ..model(stepping, constant(40.0 * GRADIENT), dt)
-        };
-        // Water so thin that the grains gain a good part.
-        model.fluid.as_mut().unwrap().viscosity = 0.05;
-        let mut work = Work::default();
-        step(&mut state, &model, &mut work).unwrap();
-        let kinetic = |state: &State| {
-            let mut besides = state.grains.clone();
-            for (v, &x) in besides.velocity.iter_mut().zip(&state.grains.position) {
-                *v = state.domain.peculiar(x, *v);
-            }
-            measure::kinetic_energy(&besides)
-        };
-        let before = kinetic(&state);
-        let (mut given, mut lost, mut pushed) = (0.0, 0.0, 0.0);
-        for _ in 0..200 {
+        let mut state = start();
+        // Velocities beside the flow of a cell belong, after an implicit step, to places a step later: there it rests.
+        let rate = if stepping == Stepping::Explicit { 0.3 } else { 0.0 };
+        let mut model = model(stepping, constant(40.0 * GRADIENT), 1e-5);
+        model.cell.gradient.xz = Some(Signal::Constant(rate));
+        let (mut work, mut moved) = (Work::default(), 0.0_f64);
+        for _ in 0..101 {
+            let before = state.clone();
             let report = step(&mut state, &model, &mut work).unwrap().water.unwrap();
             let mesh = work.fluid.mesh().unwrap();
             let (flux, _) = work.fluid.flows(&state).unwrap();
-            given += dt * report.gradient_power;
-            lost += dt * flux.iter().zip(&mesh.conductance).map(|(q, g)| q * q / g).sum::<f64>();
-            // What the pressures do to the cell that is sheared, its motion takes from or gives to them.
-            let push = mesh.stretching(&state.pores().unwrap().pressure);
-            pushed += dt * push.z_axis.x * 0.05;
-            if let Some(audit) = report.audit {
-                assert!(audit.power < 1e-8 && audit.flux < 1e-8, "{stepping:?} {audit:?}");
+            let lost: f64 = flux.iter().zip(&mesh.conductance).map(|(q, g)| q * q / g).sum();
+            // Explicit pressures answer the motion before the step.
+            let then = if stepping == Stepping::Explicit { &before } else { &state };
+            let mut given = 0.0;
+            for k in 0..60 {
+                let v = then.domain.peculiar(then.grains.position[k], then.grains.velocity[k]);
+                given += work.loads.force[k].dot(v) + work.loads.torque[k].dot(then.grains.spin[k]);
             }
+            given += work.loads.cell.z_axis.x * then.domain.rate.z_axis.x;
+            let off = report.gradient_power - lost - given;
+            assert!(off.abs() < 1e-7 * report.gradient_power, "{stepping:?}: {report:?} {lost} {given}");
+            if let Some(audit) = report.audit {
+                assert!(audit.power < 1e-8 && audit.flux < 1e-7, "{stepping:?} {audit:?}");
+            }
+            moved = moved.max(given.abs() / report.gradient_power);
         }
-        let gained = kinetic(&state) - before;
-        let off = given - lost - gained - pushed;
-        assert!(off.abs() < 5e-3 * given, "{stepping:?}: {given} {lost} {gained} {pushed}");
-        assert!(gained > 0.05 * given && lost > 0.2 * given, "{stepping:?}: {given} {lost} {gained}");
+        assert!(moved > 0.01, "{stepping:?}: {moved}");
     }
 }
 

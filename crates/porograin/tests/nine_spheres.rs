@@ -5,9 +5,14 @@
 #[path = "../examples/nine_spheres.rs"]
 mod spheres;
 
+use glam::DVec3;
 use porograin::boundary::Slip;
 use porograin::import;
-use porograin::pores::{Conductance, Coupling};
+use porograin::permeability::{Problem, measure};
+use porograin::pores::{Conductance, Coupling, Solver};
+use porograin_geometry::Cell;
+use porograin_geometry::locate::locate;
+use porograin_geometry::throat::Packing;
 use spheres::{Way, default, flow, folder, ratios, thesis};
 
 fn near(value: f64, expected: f64, part: f64) {
@@ -94,6 +99,42 @@ fn a_very_small_ninth_is_felt_too_much_by_the_reciprocal_coupling() {
     for ratio in ratios().filter(|ratio| *ratio > 0.5) {
         let total = |coupling| flow(ratio, Way { coupling, ..default(Slip::NoSlip) }).small.total();
         near(total(Coupling::Reciprocal), total(Coupling::Geometric), 0.15);
+    }
+}
+
+/// What is left of the force on a ninth that vanishes: in the eight facets of it and two of the others that the flow crosses, the
+/// moment of the water leaves it the weight `λ(x_c - sum s_m l_m)`, from the geometry of the cube alone (docs/coupling.md).
+#[test]
+fn the_limit_of_a_vanishing_ninth_is_the_weight_that_moment_balance_leaves_it() {
+    // A facet spans the middle of the cube and two spheres of radius 1/4 that touch, 1/8^(1/2) away.
+    let (radius, height, angle) = (0.25_f64, 0.125_f64.sqrt(), (1.0 / 3.0_f64.sqrt()).acos());
+    let (area, sector) = (radius * height, 0.5 * radius * radius * angle);
+    let fluid = area - 2.0 * sector;
+    let of_sector = 2.0 / 3.0 * radius * (0.5 * angle).sin().powi(2) / (0.5 * angle);
+    // The middle of the water, and the places on the spheres towards it, above the line between the two.
+    let water = (area * height / 3.0 - 2.0 * sector * of_sector) / fluid;
+    let surface = radius * water / radius.hypot(water);
+    let weight = (water - surface) / height;
+    assert!((weight - 0.1387).abs() < 1e-4);
+    for sides in [Slip::Symmetry, Slip::NoSlip] {
+        let ratio = 0.002;
+        let (position, r) = spheres::spheres(ratio);
+        let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+        let Way { conductance, coupling, .. } = default(sides);
+        let (viscosity, residual, solver) = (1.0, 1e-12, Solver::Cholesky);
+        let problem =
+            Problem { axis: 2, drop: 1.0, sides, viscosity, conductance, coupling, solver, residual };
+        let found = measure(&cell, &position, &r, &problem).unwrap();
+        let pressure = |at: DVec3| {
+            let packing = Packing { cell: &cell, position: &position, radius: &r };
+            let pore = locate(packing, &found.mesh.triangulation, at, 0).unwrap().pore;
+            found.pressure[found.mesh.node[pore as usize] as usize]
+        };
+        let below = pressure(DVec3::new(0.51, 0.52, 0.4));
+        let beside = pressure(DVec3::new(0.6, 0.51, 0.52));
+        let limit = 8.0 * fluid * weight * 0.5_f64.sqrt() * (below - beside);
+        near(found.loads.force[8].z, limit, 0.01);
+        assert!(limit > 5e-3, "{limit}");
     }
 }
 

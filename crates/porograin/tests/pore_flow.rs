@@ -48,6 +48,24 @@ struct Sample {
     r: Vec<f64>,
 }
 
+/// Twelve large spheres, and small ones of a third of their size.
+fn two_sizes(cell: &Cell) -> Sample {
+    let mut random = Random(8);
+    let (mut x, mut r): (Vec<DVec3>, Vec<f64>) = (Vec::new(), Vec::new());
+    while x.len() < 250 {
+        let radius = if x.len() < 12 { 0.12 } else { 0.04 };
+        let u = random.vector() + DVec3::splat(0.5);
+        let p = cell.origin
+            + DVec3::splat(radius)
+            + u * (cell.upper() - cell.origin - DVec3::splat(2.0 * radius));
+        if x.iter().zip(&r).all(|(q, b): (&DVec3, &f64)| q.distance(p) > radius + b) {
+            x.push(p);
+            r.push(radius);
+        }
+    }
+    Sample { name: "two sizes", cell: *cell, x, r }
+}
+
 fn samples() -> Vec<Sample> {
     let cell = Cell::walled(DVec3::new(-0.2, 0.1, 3.0), DVec3::new(0.8, 1.3, 3.9));
     let unit = Cell::walled(DVec3::ZERO, DVec3::splat(4.0));
@@ -62,6 +80,7 @@ fn samples() -> Vec<Sample> {
         make("equal", 400, 0.045, 1.0, 1),
         make("spread", 500, 0.06, 3.0, 2),
         make("wide", 900, 0.07, 10.0, 3),
+        two_sizes(&cell),
         make("few", 3, 0.1, 1.5, 4),
         Sample { name: "cubic lattice", cell: unit, x: lattice, r: vec![0.5; 64] },
     ]

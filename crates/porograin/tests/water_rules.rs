@@ -277,7 +277,34 @@ fn blocked_regions_let_no_water_through() {
         pores.blocked = walls;
     }
     let error = step(&mut state, &model, &mut Work::default()).unwrap_err().to_string();
-    assert!(error.contains("are cut off from every place with an imposed pressure"), "{error}");
+    assert!(error.contains("are cut off from every place with an imposed pressure, in one place"), "{error}");
+}
+
+/// Pores inside a knot of overlapping grains are no use to the water: all such knots are told, the grains by their ids.
+#[test]
+fn all_sets_of_pores_that_are_cut_off_are_told_by_their_grains() {
+    // Four large grains around each of two places touch so closely that no throat between them is open.
+    let knot = |middle: DVec3| {
+        let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
+        corners.map(|c| middle + 0.004 * DVec3::from_array(c))
+    };
+    let knots = [knot(DVec3::new(0.012, 0.02, 0.015)), knot(DVec3::new(0.036, 0.02, 0.045))];
+    let sealed = |top: Water| {
+        let mut faces: [Face; 6] = Default::default();
+        faces[5].water = top;
+        let (mut state, model) = sample(faces, Stepping::Explicit);
+        let x: Vec<DVec3> = knots.iter().flatten().copied().collect();
+        // The triangle of three has the circumradius 6.53 mm: just closed.
+        state.grains = Grains::at_rest(x, vec![0.0066; 8], 2600.0);
+        step(&mut state, &model, &mut Work::default()).unwrap_err().to_string()
+    };
+    let said = sealed(Water::Pressure(Signal::Constant(0.0)));
+    let expected = "2 pores are cut off from every place with an imposed pressure, in 2 places, between the grains 0, 1, 2, 3; \
+                    between 4, 5, 6, 7:";
+    assert!(said.starts_with(expected), "{said}");
+    // Where no pressure is given, from all others.
+    let said = sealed(Water::Sealed);
+    assert!(said.starts_with("2 pores are cut off from all others, in 2 places"), "{said}");
 }
 
 #[test]
@@ -299,4 +326,78 @@ fn blocked_pores_in_a_sealed_box_leave_the_level_free() {
     assert!(largest > 0.0 && sum.abs() < 1e-12 * largest * 1.2e-4, "{sum} {largest}");
     let blocked = mesh.held.iter().zip(pressure).filter(|(held, _)| **held == BLOCKED);
     assert!(blocked.clone().count() > 20 && blocked.clone().all(|(_, p)| *p == 0.0));
+}
+
+/// Every way to write a number, for pressure and flux, on every face: what the pores there get is its value there and then.
+#[test]
+fn each_rule_takes_each_kind_of_number_on_each_face() {
+    use porograin::case::Case;
+    type Value = fn(DVec3, f64) -> f64;
+    let kinds: [(&str, Value); 6] = [
+        ("2.5", |_, _| 2.5),
+        ("{ ramp = { from = 1.0, to = 5.0, start = 0.1, end = 0.5 } }", |_, _| 3.0),
+        ("{ sine = { mean = 1.0, amplitude = 2.0, period = 0.8, start = 0.1 } }", |_, _| 3.0),
+        ("{ table = [[0.0, 0.0], [0.2, 4.0], [0.4, 2.0]] }", |_, _| 3.0),
+        ("\"3*cos(10*t)\"", |_, t| 3.0 * (10.0 * t).cos()),
+        ("\"100*(x + 2*y - z)*sin(t) + 1\"", |x, t| 100.0 * (x.x + 2.0 * x.y - x.z) * t.sin() + 1.0),
+    ];
+    let time = 0.3;
+    for face in 0..6 {
+        for (kind, value) in kinds {
+            for rule in ["pressure", "inflow"] {
+                let (name, other) =
+                    (porograin::boundary::FACE_NAMES[face], porograin::boundary::FACE_NAMES[face ^ 1]);
+                let text = format!(
+                    "title = \"t\"\n[domain]\nsize = [1, 1, 1]\n[grains]\npacking = {{ lattice = {{ count = [1, 1, 1], radius = \
+                     0.1 }} }}\ndensity = 1\n[contact.linear]\nyoung = 1\nstiffness-ratio = 1\nfriction = 1\n[face]\n\
+                     {name}.water.{rule} = {kind}\n{other}.water.pressure = 0.5\n[[stage]]\nname = \"s\"\nuntil.steps = 1"
+                );
+                let case = Case::from_text("t.toml", &text, std::path::Path::new(""), &[]).unwrap();
+                let mut faces: [Face; 6] = Default::default();
+                case.face.apply(&mut faces);
+                let (mut state, mut model) = sample(faces, Stepping::Explicit);
+                model.stage_start = -time;
+                let mut work = Work::default();
+                step(&mut state, &model, &mut work).unwrap();
+                let mesh = work.fluid.mesh().unwrap();
+                let at = |pore: u32| value(mesh.centre[pore as usize], time);
+                let told = format!("{name} {rule} = {kind}");
+                let sides: Vec<&WallFace> =
+                    mesh.wall_faces.iter().filter(|side| side.face as usize == face).collect();
+                if rule == "pressure" {
+                    let pressure = &state.pores().unwrap().pressure;
+                    for side in sides {
+                        let found = pressure[mesh.node[side.pore as usize] as usize];
+                        assert!((found - at(side.pore)).abs() < 1e-12, "{told}: {found}");
+                    }
+                    continue;
+                }
+                let given: f64 = sides.iter().map(|side| side.area * at(side.pore)).sum();
+                let out = work.fluid.outflow(&state).unwrap();
+                assert!((out[face] + given).abs() < 1e-12 * given.abs(), "{told}: {out:?} {given}");
+                assert!((out[face ^ 1] - given).abs() < 1e-7 * given.abs(), "{told}: {out:?} {given}");
+            }
+        }
+    }
+}
+
+/// Points take the same kinds of numbers.
+#[test]
+fn points_take_signals_and_formulas() {
+    let signals = [
+        (Signal::Table(vec![[-1.0, 0.0], [1.0, 6.0]]), 3.0),
+        (formula("100*x + 200*y - 30*z + exp(t)"), 100.0 * 0.012 + 200.0 * 0.01 - 30.0 * 0.01 + 1.0),
+    ];
+    for (signal, value) in signals {
+        let held = Point { at: [0.012, 0.01, 0.01], water: PointWater::Pressure(signal.clone()) };
+        let other = Point { at: [0.04, 0.03, 0.05], water: PointWater::Pressure(Signal::Constant(0.0)) };
+        let (state, work) = with_places(vec![held, other.clone()], Vec::new(), Default::default());
+        let pressure = &state.pores().unwrap().pressure;
+        assert!((pressure[work.fluid.mesh().unwrap().points[0] as usize] - value).abs() < 1e-12);
+        let source = Point { at: [0.012, 0.01, 0.01], water: PointWater::Source(signal) };
+        let (state, work) = with_places(vec![source, other], Vec::new(), Default::default());
+        let mesh = work.fluid.mesh().unwrap();
+        let out = porograin::permeability::outflow(mesh, &state.pores().unwrap().pressure);
+        assert!((out[mesh.points[0] as usize] / value - 1.0).abs() < 1e-7);
+    }
 }

@@ -88,8 +88,8 @@ pub fn measure_periodic(
     let (mesh, mut seconds) =
         meshed(packing, &walls, problem.conductance, problem.coupling, problem.viscosity)?;
     let clock = Instant::now();
-    let mut system =
-        System::new(&mesh, problem.solver.method(), problem.residual, 3).map_err(PermeabilityError::Solve)?;
+    let mut system = System::new(&mesh, problem.solver.method(), problem.residual, 3)
+        .map_err(|error| PermeabilityError::solve(error, &mesh))?;
     let mut flow =
         |axis: usize| flow(packing, &mesh, &mut system, DVec3::ZERO - problem.slope * DVec3::AXES[axis]);
     let flows = [flow(0)?, flow(1)?, flow(2)?];

@@ -3,6 +3,7 @@
 pub mod carry;
 pub mod conductance;
 pub mod coupling;
+pub mod detached;
 pub mod geometric;
 pub mod images;
 pub mod implicit;
@@ -15,6 +16,7 @@ pub mod store;
 pub mod viscous;
 
 pub use conductance::Conductance;
+pub use detached::Detached;
 pub use implicit::Memory;
 pub use mesh::{Census, Mesh, Walls};
 pub use places::{Block, Places, Point, PointWater};
