@@ -414,6 +414,18 @@ fn a_gradient_drives_water_as_the_permeability_says_and_the_budget_is_told() {
     let budget = |key: &str| summary["budget"][key].as_f64().unwrap();
     assert!(budget("gradient_work") > 0.0 && budget("power") < 1e-6 && budget("flux") < 1e-6, "{said}");
     assert!(budget("mass_drift").abs() < 1e-9 && budget("force") < 1e-12, "{said}");
+    // A careless solve does not go on.
+    let careless =
+        ["step=explicit", "solver=cg", "residual=0.9"].map(|set| format!("fluid.flow.pores.{set}"));
+    let mut arguments = vec!["run", "driven.toml", "--out", "careless"];
+    careless.iter().for_each(|set| arguments.extend(["--set", set]));
+    let output = start(&folder, &arguments).wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("in the stage `float`, the budget of the water is off: the flux left over in a pore"),
+        "{said}"
+    );
     // Before the run too, and in a sealed box, but not where a pressure is given.
     let level = |more: &[&str]| {
         let (stdout, stderr) = finish(&folder, &[&["check", "driven.toml"], more].concat());
