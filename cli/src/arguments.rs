@@ -39,7 +39,7 @@ pub enum Command {
     /// Write the grains of a run as they are now: x,y,z,r [m], one line per grain.
     Export(Export),
     /// Measure the permeability of a packing, between two faces of its box or through a periodic cell.
-    Permeability(Permeability),
+    Permeability(Box<Permeability>),
     /// Measure speed on a given packing.
     Bench(Bench),
 }

@@ -63,7 +63,7 @@ pub enum Water {
     /// `fluid = true` or `false`: the water of the case, or none.
     Present(bool),
     /// A table: what it gives replaces what the case says.
-    Other(Liquid),
+    Other(Box<Liquid>),
 }
 
 /// Properties of the water that a stage replaces.
@@ -92,7 +92,8 @@ impl<'de> Deserialize<'de> for Water {
                 Ok(Water::Present(present))
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Water, A::Error> {
-                Liquid::deserialize(de::value::MapAccessDeserializer::new(map)).map(Water::Other)
+                let liquid = Liquid::deserialize(de::value::MapAccessDeserializer::new(map))?;
+                Ok(Water::Other(Box::new(liquid)))
             }
         }
         deserializer.deserialize_any(BoolOrTable)
