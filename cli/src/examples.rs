@@ -67,6 +67,15 @@ const EXAMPLES: &[Example] = &[
         ],
     },
     Example {
+        name: "06-floating-grains",
+        about: "grains float in the stream of a pressure gradient in a periodic cell: hindered settling after Richardson and Zaki",
+        files: &[
+            ("case.toml", include_str!("../../examples/06-floating-grains/case.toml")),
+            ("README.md", include_str!("../../examples/06-floating-grains/README.md")),
+            ("discharge.svg", include_str!("../../examples/06-floating-grains/discharge.svg")),
+        ],
+    },
+    Example {
         name: "10-collision",
         about: "two grains collide: momentum and restitution",
         files: &[
