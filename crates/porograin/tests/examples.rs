@@ -91,6 +91,25 @@ fn a_small_load_is_given_back_and_a_large_one_leaves_a_trace() {
     close(large[1], 7e-3, 2e-3, "strain left by 200 kPa");
 }
 
+/// Samples hold looser the smaller they are: a difference that falls with N^-0.47 (O'Hern et al. 2003) leads to random close packing.
+#[test]
+#[ignore = "long: four samples of 500 grains and one of 2000 without friction, two minutes of CPU"]
+fn the_solid_fraction_of_large_samples_is_that_of_random_close_packing() {
+    let solid = |count: usize, seed: usize| {
+        let set =
+            [format!("grains.packing.cloud.count={count}"), format!("grains.packing.cloud.seed={seed}")];
+        let mut simulation = example("18-frictionless/case.toml", &set.each_ref().map(String::as_str));
+        while simulation.advance().unwrap().is_some() {}
+        1.0 - measure::porosity(&simulation.state)
+    };
+    let small = (1..=4).map(|seed| solid(500, seed)).sum::<f64>() / 4.0;
+    let large = solid(2000, 2);
+    close(small, 0.635, 0.002, "solid fraction of 500 grains");
+    close(large, 0.638, 0.002, "solid fraction of 2000 grains");
+    let [a, b] = [500.0_f64, 2000.0].map(|count| count.powf(-0.47));
+    close(large + (large - small) * b / (a - b), 0.64, 0.005, "solid fraction of infinitely many");
+}
+
 #[test]
 fn grains_without_friction_hold_with_six_contacts_each() {
     let mut simulation = example("18-frictionless/case.toml", &[]);
