@@ -106,7 +106,10 @@ fn coarse(arguments: &Bench, cell: &Cell, spheres: Spheres) -> Outcome {
         cost.cells,
         cost.iterations_per_step
     );
-    say_phases(&cost.phases);
+    say!("  phase [ms]      dry    water");
+    for (phase, [dry, wet]) in &cost.phases {
+        say!("  {phase:12} {:6.3}   {:+6.3}", 1e3 * dry, 1e3 * (wet - dry));
+    }
     serde_json::to_value(&cost).map(Some).map_err(failed)
 }
 

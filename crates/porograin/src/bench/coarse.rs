@@ -25,8 +25,8 @@ pub struct CoarseBench {
     pub dry_seconds_per_step: f64,
     /// The first less the second, over the second: what the water costs.
     pub water_over_dry: f64,
-    /// Share of each phase, by the names of the step's page.
-    pub phases: Vec<(&'static str, f64)>,
+    /// Mean time of each phase [s], by the names of the step's page: without water and with it.
+    pub phases: Vec<(&'static str, [f64; 2])>,
     /// Mean number of iterations of the pressure solve.
     pub iterations_per_step: f64,
     /// Viscosity of the water [Pa s].
@@ -78,6 +78,10 @@ fn consolidate(state: &mut State, steps: usize, residual: Option<f64>) -> Result
     let top = state.domain.cell.upper().z;
     let timed = timed(state, &model, steps)?;
     let water = &timed.water;
+    let before = |name| dry.phases.iter().find(|phase| phase.0 == name).map_or(0.0, |phase| phase.1);
+    let phases = (timed.phases.iter())
+        .map(|&(name, part)| (name, [before(name) * dry.mean, part * timed.mean]))
+        .collect();
     let Census { cells, .. } = timed.work.fluid.darcy.grid().map_or_else(Census::default, |grid| grid.census);
     Ok(CoarseBench {
         grains: state.grains.len(),
@@ -86,7 +90,7 @@ fn consolidate(state: &mut State, steps: usize, residual: Option<f64>) -> Result
         seconds_per_step: timed.seconds_per_step,
         dry_seconds_per_step: dry.seconds_per_step,
         water_over_dry: timed.seconds_per_step / dry.seconds_per_step - 1.0,
-        phases: timed.phases,
+        phases,
         iterations_per_step: water.iter().map(|w| w.iterations as f64).sum::<f64>()
             / water.len().max(1) as f64,
         viscosity,

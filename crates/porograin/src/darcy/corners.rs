@@ -10,8 +10,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{
-    __m256d, _mm256_add_pd, _mm256_broadcast_sd, _mm256_loadu_pd, _mm256_mul_pd, _mm256_permute4x64_pd,
-    _mm256_setzero_pd, _mm256_storeu_pd, _mm256_sub_pd,
+    __m256d, _mm_add_pd, _mm_cvtsd_f64, _mm_loadu_pd, _mm_loadu_ps, _mm_storeu_pd, _mm_storeu_ps,
+    _mm256_add_pd, _mm256_broadcast_sd, _mm256_castpd256_pd128, _mm256_cvtpd_ps, _mm256_cvtps_pd,
+    _mm256_extractf128_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd, _mm256_loadu_pd, _mm256_maskload_pd,
+    _mm256_permute4x64_pd, _mm256_set1_pd, _mm256_setr_epi64x, _mm256_setzero_pd, _mm256_storeu_pd,
 };
 
 /// Parts of a grain around the corners of one cell, x fastest, then y. They are weights, so that single precision does: what
@@ -43,6 +45,8 @@ pub struct Corners {
 
 /// Grains handed to a thread at once.
 const BLOCK: usize = 512;
+/// Corners handed to a thread at once.
+const CORNERS: usize = 64;
 
 impl Corners {
     /// Cuts every grain at the centres of the cells between the planes.
@@ -136,22 +140,18 @@ impl Corners {
             }
         } else {
             value.resize(self.grains(), [0.0; 4]);
-            let all = value.par_iter_mut().with_min_len(BLOCK).enumerate();
-            all.for_each(|(k, value)| *value = foreseen.of(k));
-            sums.par_iter_mut().with_min_len(64).enumerate().for_each(|(corner, sum)| {
-                let around = self.starts[corner] as usize..self.starts[corner + 1] as usize;
-                for (&k, &volume) in self.grain[around.clone()].iter().zip(&self.volume[around]) {
-                    add(sum, volume, value[k as usize]);
-                }
-            });
+            let blocks = value.par_chunks_mut(BLOCK).enumerate();
+            blocks.for_each(|(block, value)| foreseen.put(block * BLOCK, value));
+            let blocks = sums.par_chunks_mut(CORNERS).enumerate();
+            blocks.for_each(|(block, sums)| self.gather(block * CORNERS, value, sums));
         }
     }
 
     fn scatter(&self, foreseen: &Foreseen, sums: &mut [Four]) {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
+        if wide() {
             // SAFETY: the processor has what the function was compiled for.
-            return unsafe { self.scatter_avx2(foreseen, sums) };
+            return unsafe { self.scatter_wide(foreseen, sums) };
         }
         let rows = self.rows();
         for k in 0..self.grains() {
@@ -165,17 +165,50 @@ impl Corners {
     }
 
     #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn scatter_avx2(&self, foreseen: &Foreseen, sums: &mut [Four]) {
+    #[target_feature(enable = "avx2,fma")]
+    fn scatter_wide(&self, foreseen: &Foreseen, sums: &mut [Four]) {
         let rows = self.rows();
-        for k in 0..self.grains() {
-            let (v, part) = (load(&foreseen.of(k)), self.part[k].map(f64::from));
+        for (k, (&first, part)) in self.first.iter().zip(&self.part).enumerate() {
+            let (v, part) = (foreseen.of_wide(k), doubled(part));
             for (row, part) in rows.iter().zip(part.as_chunks::<2>().0) {
-                for (sum, part) in sums[self.first[k] as usize + row..][..2].iter_mut().zip(part) {
-                    store(sum, _mm256_add_pd(load(sum), _mm256_mul_pd(_mm256_broadcast_sd(part), v)));
+                for (sum, part) in sums[first as usize + row..][..2].iter_mut().zip(part) {
+                    store(sum, _mm256_fmadd_pd(_mm256_broadcast_sd(part), v, load(sum)));
                 }
             }
         }
+    }
+
+    /// The sums from corner `start` on.
+    fn gather(&self, start: usize, value: &[Four], sums: &mut [Four]) {
+        #[cfg(target_arch = "x86_64")]
+        if wide() {
+            // SAFETY: the processor has what the function was compiled for.
+            return unsafe { self.gather_wide(start, value, sums) };
+        }
+        for (corner, sum) in sums.iter_mut().enumerate() {
+            let around = self.around(start + corner);
+            for (&k, &volume) in self.grain[around.clone()].iter().zip(&self.volume[around]) {
+                add(sum, volume, value[k as usize]);
+            }
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn gather_wide(&self, start: usize, value: &[Four], sums: &mut [Four]) {
+        for (corner, sum) in sums.iter_mut().enumerate() {
+            let around = self.around(start + corner);
+            let mut all = load(sum);
+            for (&k, volume) in self.grain[around.clone()].iter().zip(&self.volume[around]) {
+                all = _mm256_fmadd_pd(_mm256_broadcast_sd(volume), load(&value[k as usize]), all);
+            }
+            store(sum, all);
+        }
+    }
+
+    /// Where the grains around a corner are listed.
+    fn around(&self, corner: usize) -> std::ops::Range<usize> {
+        self.starts[corner] as usize..self.starts[corner + 1] as usize
     }
 
     /// From the lowest corner to the first of each pair along x.
@@ -212,33 +245,37 @@ impl Corners {
         force: &mut [DVec3],
     ) {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
+        if wide() {
             // SAFETY: the processor has what the function was compiled for.
-            return unsafe { self.load_avx2(start, field, moving, pulled, force) };
+            return unsafe { self.load_wide(start, field, moving, pulled, force) };
         }
         let rows = self.rows();
         let parts = self.first[start..].iter().zip(&self.part[start..]);
         for (k, ((&first, part), (pulled, force))) in parts.zip(pulled.iter_mut().zip(force)).enumerate() {
-            let mut sum = Field::default();
+            // By turns, so that sums do not wait for each other.
+            let mut sums = [Field::default(); 2];
             for (row, part) in rows.iter().zip(part.as_chunks::<2>().0) {
-                for (field, &part) in field[first as usize + row..][..2].iter().zip(part) {
-                    for lane in 0..4 {
-                        sum.pull[lane] += f64::from(part) * field.pull[lane];
-                        sum.drag[lane] += f64::from(part) * field.drag[lane];
-                    }
+                for ((field, &part), sum) in
+                    field[first as usize + row..][..2].iter().zip(part).zip(&mut sums)
+                {
+                    add(&mut sum.pull, f64::from(part), field.pull);
+                    add(&mut sum.drag, f64::from(part), field.drag);
                 }
             }
-            let Field { pull, drag } = sum;
+            let [a, b] = sums;
             let v = moving.of(start + k, *force, *pulled);
-            let total = |lane: usize| pull[lane] + (drag[lane] - pull[3] * v[lane]);
+            let resistance = a.pull[3] + b.pull[3];
+            let pull: Four = std::array::from_fn(|lane| a.pull[lane] + b.pull[lane]);
+            let total =
+                |lane: usize| pull[lane] + (-resistance).mul_add(v[lane], a.drag[lane] + b.drag[lane]);
             *force += DVec3::new(total(0), total(1), total(2));
             *pulled = pull.map(|pull| pull as f32);
         }
     }
 
     #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn load_avx2(
+    #[target_feature(enable = "avx2,fma")]
+    fn load_wide(
         &self,
         start: usize,
         field: &[Field],
@@ -249,23 +286,27 @@ impl Corners {
         let rows = self.rows();
         let parts = self.first[start..].iter().zip(&self.part[start..]);
         for (k, ((&first, part), (pulled, force))) in parts.zip(pulled.iter_mut().zip(force)).enumerate() {
-            let (mut pull, mut drag) = (_mm256_setzero_pd(), _mm256_setzero_pd());
-            let part = part.map(f64::from);
+            let (mut pull, mut drag) = ([_mm256_setzero_pd(); 2], [_mm256_setzero_pd(); 2]);
+            let part = doubled(part);
             for (row, part) in rows.iter().zip(part.as_chunks::<2>().0) {
-                for (field, part) in field[first as usize + row..][..2].iter().zip(part) {
-                    let part = _mm256_broadcast_sd(part);
-                    pull = _mm256_add_pd(pull, _mm256_mul_pd(part, load(&field.pull)));
-                    drag = _mm256_add_pd(drag, _mm256_mul_pd(part, load(&field.drag)));
+                let pair = &field[first as usize + row..][..2];
+                for side in 0..2 {
+                    let (part, field) = (_mm256_broadcast_sd(&part[side]), &pair[side]);
+                    pull[side] = _mm256_fmadd_pd(part, load(&field.pull), pull[side]);
+                    drag[side] = _mm256_fmadd_pd(part, load(&field.drag), drag[side]);
                 }
             }
+            let (pull, drag) = (_mm256_add_pd(pull[0], pull[1]), _mm256_add_pd(drag[0], drag[1]));
             let (resistance, v) =
-                (_mm256_permute4x64_pd::<0xff>(pull), load(&moving.of(start + k, *force, *pulled)));
-            let total = _mm256_add_pd(pull, _mm256_sub_pd(drag, _mm256_mul_pd(resistance, v)));
-            let (mut both, mut pulls) = ([0.0; 4], [0.0; 4]);
-            store(&mut both, total);
-            store(&mut pulls, pull);
-            *pulled = pulls.map(|pull| pull as f32);
-            *force += DVec3::new(both[0], both[1], both[2]);
+                (_mm256_permute4x64_pd::<0xff>(pull), moving.of_wide(start + k, force, pulled));
+            let total = _mm256_add_pd(pull, _mm256_fnmadd_pd(resistance, v, drag));
+            // SAFETY: there is room for four single numbers, and for two double ones from x on.
+            unsafe {
+                _mm_storeu_ps(pulled.as_mut_ptr(), _mm256_cvtpd_ps(pull));
+                let xy = std::ptr::from_mut(force).cast();
+                _mm_storeu_pd(xy, _mm_add_pd(_mm_loadu_pd(xy), _mm256_castpd256_pd128(total)));
+            }
+            force.z += _mm_cvtsd_f64(_mm256_extractf128_pd::<1>(total));
         }
     }
 }
@@ -308,7 +349,18 @@ impl<'a> Moving<'a> {
     fn of(&self, k: usize, force: DVec3, [x, y, z, _]: Pull) -> Four {
         let (v, by) = (self.velocity[k], self.kick / self.mass[k]);
         let [x, y, z] = [x, y, z].map(f64::from);
-        [v.x + by * (force.x + x), v.y + by * (force.y + y), v.z + by * (force.z + z), 0.0]
+        [by.mul_add(force.x + x, v.x), by.mul_add(force.y + y, v.y), by.mul_add(force.z + z, v.z), 0.0]
+    }
+
+    /// The same, to the bit.
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    #[target_feature(enable = "avx2,fma")]
+    fn of_wide(&self, k: usize, force: &DVec3, pulled: &Pull) -> __m256d {
+        let by = _mm256_set1_pd(self.kick / self.mass[k]);
+        // SAFETY: there are four single numbers.
+        let pulled = _mm256_cvtps_pd(unsafe { _mm_loadu_ps(pulled.as_ptr()) });
+        _mm256_fmadd_pd(by, _mm256_add_pd(load_three(force), pulled), load_three(&self.velocity[k]))
     }
 }
 
@@ -325,6 +377,62 @@ impl Foreseen<'_> {
     fn of(&self, k: usize) -> Four {
         self.moving.of(k, self.force[k], self.pulled[k])
     }
+
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    #[target_feature(enable = "avx2,fma")]
+    fn of_wide(&self, k: usize) -> __m256d {
+        self.moving.of_wide(k, &self.force[k], &self.pulled[k])
+    }
+
+    /// Writes the velocities from grain `start` on.
+    fn put(&self, start: usize, value: &mut [Four]) {
+        #[cfg(target_arch = "x86_64")]
+        if wide() {
+            // SAFETY: the processor has what the function was compiled for.
+            return unsafe { self.put_wide(start, value) };
+        }
+        value.iter_mut().enumerate().for_each(|(k, value)| *value = self.of(start + k));
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn put_wide(&self, start: usize, value: &mut [Four]) {
+        for (k, value) in value.iter_mut().enumerate() {
+            store(value, self.of_wide(start + k));
+        }
+    }
+}
+
+/// Whether the processor can do what the functions in wide registers need. The others give the same bits.
+#[cfg(target_arch = "x86_64")]
+fn wide() -> bool {
+    std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
+}
+
+/// The parts of a grain in double precision.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+#[target_feature(enable = "avx2")]
+fn doubled(part: &Eight) -> [f64; 8] {
+    let mut out = [0.0; 8];
+    // SAFETY: there are eight numbers, and room for as many.
+    unsafe {
+        for half in [0, 4] {
+            let four = _mm256_cvtps_pd(_mm_loadu_ps(part.as_ptr().add(half)));
+            _mm256_storeu_pd(out.as_mut_ptr().add(half), four);
+        }
+    }
+    out
+}
+
+/// Three numbers and a zero.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+#[target_feature(enable = "avx2")]
+fn load_three(from: &DVec3) -> __m256d {
+    // SAFETY: what the mask leaves out, beyond z, is not touched.
+    unsafe { _mm256_maskload_pd(std::ptr::from_ref(from).cast(), _mm256_setr_epi64x(-1, -1, -1, 0)) }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -346,7 +454,7 @@ fn store(to: &mut Four, values: __m256d) {
 #[inline]
 fn add(sum: &mut Four, part: f64, value: Four) {
     for (sum, value) in sum.iter_mut().zip(value) {
-        *sum += part * value;
+        *sum = part.mul_add(value, *sum);
     }
 }
 

@@ -13,6 +13,7 @@ use crate::grains::{Grains, Shape};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// The void part of a cell is taken to be within these bounds: a cell without grains lets the water pass as if it
 /// had one twentieth of solid, some thousand times better than a packing.
@@ -198,7 +199,7 @@ impl Grid {
     }
 
     /// The links along an axis.
-    pub fn links(&self, axis: usize) -> std::ops::Range<usize> {
+    pub fn links(&self, axis: usize) -> Range<usize> {
         self.axis_start[axis]..self.axis_start[axis + 1]
     }
 
@@ -238,23 +239,29 @@ impl Grid {
         self.axis_start[3] = self.ends.len();
     }
 
-    /// Calls `each(link, corner)` for the links along an axis, with the lowest of the corners of each; from there
-    /// [`Grid::across`] leads to all four.
-    pub fn each_link(&self, axis: usize, mut each: impl FnMut(usize, usize)) {
+    /// Calls `each(links, corners)` for the links along an axis, row by row along x, with the four corners of the first; those of
+    /// the others follow.
+    pub fn each_row(&self, axis: usize, mut each: impl FnMut(Range<usize>, [usize; 4])) {
         let (mut link, stride) = (self.axis_start[axis], self.corners.stride);
         if self.links(axis).is_empty() {
             return;
         }
-        let mut dims = self.count;
+        let (across, mut dims) = (self.across(axis), self.count);
         dims[axis] += 1;
         for z in 0..dims[2] {
             for y in 0..dims[1] {
-                for x in 0..dims[0] {
-                    each(link, x * stride[0] + y * stride[1] + z * stride[2]);
-                    link += 1;
-                }
+                each(link..link + dims[0], across.map(|step| y * stride[1] + z * stride[2] + step));
+                link += dims[0];
             }
         }
+    }
+
+    /// Calls `each(link, corner)` for the links along an axis, with the lowest of the corners of each; from there
+    /// [`Grid::across`] leads to all four.
+    pub fn each_link(&self, axis: usize, mut each: impl FnMut(usize, usize)) {
+        self.each_row(axis, |links, [first, ..]| {
+            links.enumerate().for_each(|(x, link)| each(link, first + x));
+        });
     }
 
     /// Adds to each cell what flows into it along the links, less what flows out.

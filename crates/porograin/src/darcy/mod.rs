@@ -166,7 +166,11 @@ pub fn follow(
     around: &Around,
     scratch: &mut Scratch,
 ) -> Result<(), String> {
-    let known = water.as_ref().is_some_and(|w| w.settings == *settings && w.viscosity == around.fluid[0]);
+    let known = water.as_ref().is_some_and(|w| {
+        w.settings == *settings
+            && w.viscosity == around.fluid[0]
+            && w.grid_position.len() == around.grains.len()
+    });
     if !known {
         let planes = first_planes(settings, around);
         renew(water, settings, planes, Vec::new(), around, scratch);

@@ -73,6 +73,8 @@ pub struct System {
     level_is_free: bool,
     rhs: Vec<f64>,
     flux: Vec<f64>,
+    /// One component around each corner.
+    along: Vec<f64>,
 }
 
 impl System {
@@ -138,6 +140,7 @@ impl System {
             level_is_free,
             rhs: vec![0.0; cells],
             flux: vec![0.0; grid.ends.len()],
+            along: Vec::new(),
         })
     }
 
@@ -154,19 +157,7 @@ impl System {
         change: &mut [f64],
     ) -> Result<(Info, Flows), Error> {
         let cells = grid.census.cells;
-        let mut size = 0.0;
-        for axis in 0..3 {
-            let [_, a, b, c] = grid.across(axis);
-            grid.each_link(axis, |link, corner| {
-                // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
-                let of = |step: usize| outside.carried[corner + step][axis];
-                let carried = grid.hold[link] * ((of(0) + of(a)) + (of(b) + of(c)));
-                let [low, high] = grid.ends[link].map(|end| end as usize);
-                let flow = grid.conductance[link] * (pressure[low] - pressure[high]);
-                size += carried * carried + flow * flow;
-                self.flux[link] = carried + flow;
-            });
-        }
+        let size = self.flows(grid, outside.carried, pressure);
         self.rhs.fill(0.0);
         grid.gather(&self.flux, &mut self.rhs);
         // What a wall node cannot keep goes to its cell; what a held one changes by drags its cell along.
@@ -201,10 +192,35 @@ impl System {
         Ok((info, self.finish(grid, outside, pressure, change)))
     }
 
+    /// What flows along the links before pressures change; the sum of the squares of all flows of grains and water.
+    fn flows(&mut self, grid: &Grid, carried: &[Four], pressure: &[f64]) -> f64 {
+        // By turns, so that sums do not wait for each other.
+        let mut size = [0.0; 8];
+        for axis in 0..3 {
+            self.along.clear();
+            self.along.extend(carried.iter().map(|carried| carried[axis]));
+            grid.each_row(axis, |links, corners| {
+                let n = links.len();
+                let [a, b, c, d] = corners.map(|corner| &self.along[corner..][..n]);
+                let (hold, g) = (&grid.hold[links.clone()], &grid.conductance[links.clone()]);
+                let (ends, flux) = (&grid.ends[links.clone()], &mut self.flux[links]);
+                for k in 0..n {
+                    // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
+                    let carried = hold[k] * ((a[k] + b[k]) + (c[k] + d[k]));
+                    let [low, high] = ends[k];
+                    let flow = g[k] * (pressure[low as usize] - pressure[high as usize]);
+                    flux[k] = carried + flow;
+                    size[k % 8] += carried * carried + flow * flow;
+                }
+            });
+        }
+        size.iter().sum()
+    }
+
     /// The pull of the pressures and the drag around each corner.
-    pub fn field(&self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
+    pub fn field(&mut self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
         self.resistance.around(outside.carried, field);
-        pull(grid, pressure, field);
+        pull(grid, pressure, field, &mut self.along, &mut self.flux);
     }
 
     /// Net flux into wall node `w` from outside and from its link, before pressures change [m³/s].
@@ -262,24 +278,33 @@ fn inner(grid: &Grid, link: usize) -> usize {
     low.min(high) as usize
 }
 
-/// Adds the force of the pressures [Pa] per volume of the grains around each corner.
-fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field]) {
+/// Adds the force of the pressures [Pa] per volume of the grains around each corner. `along` and `pulls` are scratch.
+fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field], along: &mut Vec<f64>, pulls: &mut Vec<f64>) {
+    pulls.clear();
+    pulls.extend(
+        grid.hold
+            .iter()
+            .zip(&grid.ends)
+            .map(|(hold, &[low, high])| hold * (pressure[low as usize] - pressure[high as usize])),
+    );
     for axis in 0..3 {
-        let across = grid.across(axis);
-        grid.each_link(axis, |link, corner| {
-            let [low, high] = grid.ends[link];
-            let pull = grid.hold[link] * (pressure[low as usize] - pressure[high as usize]);
-            for step in across {
-                field[corner + step].pull[axis] += pull;
+        along.clear();
+        along.resize(grid.corners.len(), 0.0);
+        grid.each_row(axis, |links, corners| {
+            let pulls = &pulls[links];
+            for corner in corners {
+                let sums = &mut along[corner..][..pulls.len()];
+                sums.iter_mut().zip(pulls).for_each(|(sum, pull)| *sum += pull);
             }
         });
+        field.iter_mut().zip(&*along).for_each(|(field, along)| field.pull[axis] += along);
     }
 }
 
 /// `S p`: the force of the pressures [Pa] on each grain [N], and the same as it serves to foresee.
 pub fn force(grid: &Grid, pressure: &[f64]) -> (Vec<DVec3>, Vec<Pull>) {
     let mut field = vec![Field::default(); grid.corners.len()];
-    pull(grid, pressure, &mut field);
+    pull(grid, pressure, &mut field, &mut Vec::new(), &mut Vec::new());
     let grains = grid.corners.grains();
     let (mut pulled, mut force) = (vec![Pull::default(); grains], vec![DVec3::ZERO; grains]);
     let moving = Moving { velocity: &vec![DVec3::ZERO; grains], mass: &vec![1.0; grains], kick: 0.0 };
