@@ -4,6 +4,7 @@ use crate::arguments::Check;
 use crate::bar::span;
 use crate::{Failure, Outcome};
 use porograin::case::{Case, Implied};
+use porograin::darcy::grid::FEW_GRAINS;
 use serde_json::json;
 use std::time::Duration;
 
@@ -57,7 +58,8 @@ fn show(implied: &Implied) {
             }
             if let Some([nx, ny, nz]) = stage.cells {
                 let each = count / (nx * ny * nz) as f64;
-                say!("  {nx} x {ny} x {nz} cells with {each:.1} grains each");
+                let few = if each < FEW_GRAINS { ", too few for a porosity: use larger cells" } else { "" };
+                say!("  {nx} x {ny} x {nz} cells with {each:.1} grains each{few}");
             }
             say!("  consolidation takes about {:.2e} s", water.consolidation);
         }

@@ -196,6 +196,15 @@ const EXAMPLES: &[Example] = &[
             ("pores-or-darcy.svg", include_str!("../../examples/21-pores-or-darcy/pores-or-darcy.svg")),
         ],
     },
+    Example {
+        name: "22-quicksand",
+        about: "water pushed up through a bed carries more and more of its weight, then all: the bed floats",
+        files: &[
+            ("case.toml", include_str!("../../examples/22-quicksand/case.toml")),
+            ("README.md", include_str!("../../examples/22-quicksand/README.md")),
+            ("quicksand.svg", include_str!("../../examples/22-quicksand/quicksand.svg")),
+        ],
+    },
 ];
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.

@@ -129,6 +129,41 @@ fn forces_on_grains_and_walls_sum_to_the_resultant_of_the_pressures_at_open_face
     }
 }
 
+/// The lower half of a sample, moved up, below a gap: bottom at 50 Pa, top open. Force of the water on all grains over 50 Pa times the
+/// section; the same if only the links that lie in the gap as a whole lose their force; the largest acceleration over the mean one.
+fn below_a_gap(up: f64) -> [f64; 3] {
+    let (mut state, mut model) = sample(cells([3, 3, 6]), 1e-3, None);
+    model.gravity = DVec3::ZERO;
+    // Separated grains, heavy enough to stay.
+    let grains = &state.grains;
+    let kept: Vec<DVec3> = grains.position.iter().copied().filter(|x| x.z < 0.03).collect();
+    let radius = vec![0.8 * grains.radius[0]; kept.len()];
+    state.grains = Grains::at_rest(kept.into_iter().map(|x| x + up * DVec3::Z).collect(), radius, 2.6e12);
+    model.faces[4].water = Water::Pressure(Signal::Constant(50.0));
+    model.faces[5].water = Water::Pressure(Signal::Constant(0.0));
+    let mut work = Work::default();
+    step(&mut state, &model, &mut work).unwrap();
+    let (force, grains) = (&work.loads.force, &state.grains);
+    let sum = force.iter().map(|f| f.z).sum::<f64>() / (50.0 * 0.0036);
+    let acceleration = |k: usize| force[k].length() / grains.mass[k];
+    let largest = (0..grains.len()).map(acceleration).fold(0.0, f64::max);
+    let mean = 50.0 * 0.0036 / grains.mass.iter().sum::<f64>();
+    let mobility = &work.fluid.darcy.grid().unwrap().mobility;
+    let (packing, gap) = (1.0 / mobility[4].z, 1.0 / mobility[9 * 5 + 4].z);
+    [sum, 1.0 - 2.5 * gap / (3.0 * packing + 3.0 * gap), largest / mean]
+}
+
+#[test]
+fn a_gap_takes_the_force_of_its_own_pressures_and_a_sliver_no_more_than_its_share() {
+    let [sum, expected, largest] = below_a_gap(0.0);
+    assert!((sum - expected).abs() < 2e-3 && sum < 1.0, "{sum} {expected}");
+    assert!(largest < 2.0, "{largest}");
+    // The tops of the grains reach 0.2 mm beyond the centre of a cell.
+    let [sum, _, largest] = below_a_gap(0.0063);
+    assert!(sum > 0.85 && sum < 1.0, "{sum}");
+    assert!(largest < 2.0, "{largest}");
+}
+
 #[test]
 fn the_drag_holds_grains_back_against_those_around_them_and_sums_to_zero() {
     // Separated grains in sealed walls, at rest but for one, in water so thin that its drag changes no velocity within a step.

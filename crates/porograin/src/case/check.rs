@@ -27,6 +27,9 @@ pub(super) enum Range {
     Between,
 }
 
+/// A grid of more cells than this is a mistake: each takes some kilobyte.
+const MOST_CELLS: f64 = 1e7;
+
 impl Case {
     /// All numbers are numbers.
     pub(super) fn finite(&self) -> Result<(), CaseError> {
@@ -549,6 +552,20 @@ impl Case {
             }
             Cells::Grains(each) => self.number(&at("cells.grains"), each, Range::Positive)?,
             Cells::Size(edge) => self.number(&at("cells.size"), edge, Range::Positive)?,
+        }
+        let cells: f64 = match darcy.cells {
+            Cells::Count(count) => count.iter().map(|&n| n as f64).product(),
+            Cells::Size(edge) => self.domain.size.iter().map(|size| (size / edge).max(1.0)).product(),
+            Cells::Grains(_) => 1.0,
+        };
+        if cells > MOST_CELLS {
+            return self.refuse(
+                &at("cells"),
+                format!(
+                    "a grid of {cells:.1e} cells does not fit into memory: make them larger, a cell should hold a \
+                     few grains"
+                ),
+            );
         }
         if let Transfer::Kernel { width } = darcy.transfer {
             self.number(&at("transfer.kernel.width"), width, Range::Positive)?;

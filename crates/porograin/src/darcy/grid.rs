@@ -91,7 +91,7 @@ pub struct Grid {
     pub wall_face: Vec<u8>,
     /// The link of each wall node.
     pub wall_link: Vec<u32>,
-    /// `A` of each link over the volume of the grains around its corners [1/m]; 0 without grains.
+    /// `A` of each link over the volume of the grains around its corners, or the least volume there may be [1/m].
     pub hold: Vec<f64>,
     /// Which part of each grain is around which corner.
     pub corners: Corners,
@@ -264,6 +264,31 @@ impl Grid {
         });
     }
 
+    /// The pressure drop along each link, of pressures of all nodes [Pa].
+    pub fn drops(&self, pressure: &[f64], drop: &mut Vec<f64>) {
+        drop.resize(self.ends.len(), 0.0);
+        let [nx, ny, nz] = self.count;
+        for axis in (0..3).filter(|&axis| !self.links(axis).is_empty()) {
+            let mut dims = self.count;
+            dims[axis] += 1;
+            let (step, next) = ([1, dims[0], dims[0] * dims[1]][axis], [1, nx, nx * ny][axis]);
+            // From each cell to the next one along the axis, where there is one.
+            let [nx, ny, nz] = std::array::from_fn(|k| [nx, ny, nz][k] - usize::from(k == axis));
+            for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+                let link = self.axis_start[axis] + (z * dims[1] + y) * dims[0] + step;
+                let cell = self.cell([0, y, z]);
+                let (low, high) = (&pressure[cell..][..nx], &pressure[cell + next..][..nx]);
+                for ((drop, low), high) in drop[link..][..nx].iter_mut().zip(low).zip(high) {
+                    *drop = low - high;
+                }
+            }
+        }
+        for &link in &self.wall_link {
+            let [low, high] = self.ends[link as usize];
+            drop[link as usize] = pressure[low as usize] - pressure[high as usize];
+        }
+    }
+
     /// Adds to each cell what flows into it along the links, less what flows out.
     pub fn gather(&self, flux: &[f64], sum: &mut [f64]) {
         let [nx, ny, nz] = self.count;
@@ -288,14 +313,39 @@ impl Grid {
         [0, a, b, a + b]
     }
 
-    /// How links take hold of the grains around their corners, and what resists there.
+    /// Volume of the region around each corner [m³].
+    fn around_corners(&self) -> Vec<f64> {
+        let reach: [Vec<f64>; 3] = std::array::from_fn(|axis| {
+            let planes = &self.planes[axis];
+            if self.corners.stride[axis] == 0 {
+                return vec![planes[planes.len() - 1] - planes[0]];
+            }
+            let centre = |cell: usize| 0.5 * (planes[cell] + planes[cell + 1]);
+            let last = planes.len() - 1;
+            (0..=last)
+                .map(|k| {
+                    let low = if k > 0 { centre(k - 1) } else { planes[0] };
+                    let high = if k < last { centre(k) } else { planes[last] };
+                    high - low
+                })
+                .collect()
+        });
+        let [x, y, z] = &reach;
+        let rows = z.iter().flat_map(|c| y.iter().map(move |b| b * c));
+        rows.flat_map(|bc| x.iter().map(move |a| a * bc)).collect()
+    }
+
+    /// How links take hold of the grains around their corners, and what resists there. Where there are hardly any, the void that the
+    /// porosity lacks is taken to be held by something at rest: else a sliver of a grain would bear what presses on a whole face.
     fn attach(&mut self) {
         let mut hold = vec![0.0; self.ends.len()];
+        let around = self.around_corners();
         for axis in 0..3 {
             let across = self.across(axis);
             self.each_link(axis, |link, corner| {
-                let solid: f64 = across.iter().map(|step| self.corners.solid[corner + step]).sum();
-                hold[link] = if solid > 0.0 { self.area[link] / solid } else { 0.0 };
+                let sum = |of: &[f64]| across.iter().map(|step| of[corner + step]).sum::<f64>();
+                hold[link] =
+                    self.area[link] / sum(&self.corners.solid).max((1.0 - POROSITY[1]) * sum(&around));
             });
         }
         self.hold = hold;

@@ -107,7 +107,9 @@ pub struct GridState {
 #[derive(Debug, Default)]
 pub struct Scratch {
     made: Option<(u64, Grid)>,
-    system: Option<(u64, System)>,
+    system: Option<System>,
+    /// Whether the system belongs to the grid in use.
+    fits: bool,
     /// What all other forces and the pressures so far make of the velocities, where threads need it.
     velocity: Vec<Four>,
     /// Force of the pressures of the state on each grain; empty until known.
@@ -234,7 +236,6 @@ fn renew(
         change: Vec::new(),
     };
     scratch.made = None;
-    scratch.system = None;
     make(&state, around.grains, scratch);
     if let Some((_, grid)) = &scratch.made {
         (state.pressure, state.change) = match kept {
@@ -259,7 +260,7 @@ fn make(state: &GridState, grains: &Grains, scratch: &mut Scratch) {
         slowed: &state.slowed,
     };
     scratch.made = Some((state.made_at_step, Grid::new(&then, &plan)));
-    scratch.system = None;
+    scratch.fits = false;
     scratch.pulled.clear();
 }
 
@@ -451,17 +452,23 @@ pub fn advance(
     wall_velocity: [DVec3; 6],
     scratch: &mut Scratch,
 ) -> Result<Info, Error> {
-    let Scratch { made, system, velocity, pulled, carried, field, imposed, flows } = scratch;
-    let Some((at, grid)) = made else { return Err(Error::Memory) };
+    let Scratch { made, system, fits, velocity, pulled, carried, field, imposed, flows } = scratch;
+    let Some((_, grid)) = made else { return Err(Error::Memory) };
     let moving = moving(around.grains, terms.kick);
     if pulled.len() != around.grains.len() {
         *pulled = pressure::force(grid, &state.pressure).1;
     }
     grid.corners.sums(&moving.under(&loads.force, pulled), velocity, carried);
-    if system.as_ref().is_none_or(|(made_at, system)| made_at != at || system.terms != terms) {
-        *system = Some((*at, System::new(grid, terms)?));
-    }
-    let Some((_, system)) = system else { return Err(Error::Memory) };
+    let system = match system {
+        Some(system) => {
+            if !*fits || system.terms != terms {
+                system.renew(grid, terms)?;
+            }
+            system
+        }
+        None => system.insert(System::new(grid, terms)?),
+    };
+    *fits = true;
     let outside = pressure::Outside { carried, wall_velocity, imposed };
     let (info, done) = system.advance(grid, &outside, &mut state.pressure, &mut state.change)?;
     *flows = done;
@@ -509,7 +516,7 @@ pub fn permeability_along(settings: &Darcy, around: &Around, axis: usize) -> Res
 /// cell: together Goodarzi's (8), `[beta/(1 - n) (v - v_p) - grad p] V_p` with `v = v_s + w/n`, v_s the mean velocity of
 /// the grains, as `beta w/n = -n grad p`.
 pub fn add(loads: &mut Loads, state: &GridState, grains: &Grains, scratch: &mut Scratch) {
-    let Scratch { made: Some((_, grid)), system: Some((_, system)), pulled, field, .. } = scratch else {
+    let Scratch { made: Some((_, grid)), system: Some(system), pulled, field, .. } = scratch else {
         return;
     };
     let walls = pressure::wall_force(grid, &state.pressure, &system.terms.open);

@@ -60,31 +60,35 @@ pub struct System {
     pub terms: Terms,
     matrix: Matrix,
     solver: Solver,
-    /// Storage of each cell over the interval [m³/(Pa s)].
-    storage: Vec<f64>,
-    /// `g + k B` of each link [m³/(Pa s)].
-    stiffened: Vec<f64>,
-    /// What a piston gives at each wall node [m³/(Pa s)].
-    give: Vec<f64>,
-    /// What each row sums to: storage and what holds the level of the pressure [m³/(Pa s)].
-    excess: Vec<f64>,
+    rows: Rows,
+    /// Cells along each axis.
+    count: [usize; 3],
     resistance: Resistance,
     /// Nothing holds the level of the pressure: the first cell does not change in the solve, then the mean stays.
     level_is_free: bool,
     rhs: Vec<f64>,
     flux: Vec<f64>,
-    /// One component around each corner.
-    along: Vec<f64>,
+    /// Pressure drop along each link.
+    drop: Vec<f64>,
+    /// One component after the other around each corner.
+    along: [Vec<f64>; 3],
 }
 
-impl System {
-    /// Assembles and prepares the solve.
-    ///
-    /// # Errors
-    /// Those of the solver.
-    pub fn new(grid: &Grid, terms: Terms) -> Result<System, Error> {
-        let cells = grid.census.cells;
-        let storage: Vec<f64> = (0..cells)
+/// What the rows of the system are made of [m³/(Pa s)].
+struct Rows {
+    /// Storage of each cell over the interval.
+    storage: Vec<f64>,
+    /// `g + k B` of each link.
+    stiffened: Vec<f64>,
+    /// What a piston gives at each wall node.
+    give: Vec<f64>,
+    /// What each row sums to: storage and what holds the level of the pressure.
+    excess: Vec<f64>,
+}
+
+impl Rows {
+    fn new(grid: &Grid, terms: &Terms) -> Rows {
+        let storage: Vec<f64> = (0..grid.census.cells)
             .map(|cell| {
                 let compliance = terms.bulk_modulus.map_or(0.0, |modulus| grid.porosity[cell] / modulus);
                 compliance * grid.volume(cell) / terms.interval
@@ -105,43 +109,80 @@ impl System {
                 piston.map_or(0.0, |mass| terms.kick * grid.area[link as usize] * swept[face] / mass)
             })
             .collect();
-        let mut extra = storage.clone();
+        let mut excess = storage.clone();
         for (w, &link) in grid.wall_link.iter().enumerate() {
             let g = stiffened[link as usize];
             let held = if terms.open[grid.wall_face[w] as usize] { g } else { g * give[w] / (g + give[w]) };
-            extra[inner(grid, link as usize)] += held;
+            excess[inner(grid, link as usize)] += held;
         }
-        let level_is_free = extra.iter().all(|&e| e == 0.0);
-        let shift = u32::from(level_is_free);
-        let unknown = |node: u32| if node < shift { FIXED } else { node - shift };
-        let mut ends = Vec::with_capacity(grid.ends.len());
-        let mut conductance = Vec::with_capacity(grid.ends.len());
-        for (&[low, high], &g) in grid.ends.iter().zip(&stiffened) {
-            if (low as usize) < cells && (high as usize) < cells {
-                ends.push([unknown(low), unknown(high)]);
-                conductance.push(g);
-            }
-        }
-        let first = shift as usize;
-        let matrix = Matrix::new(cells - first, &ends, &conductance, &extra[first..])?;
-        let centres: Vec<DVec3> = (first..cells).map(|cell| grid.centre(cell)).collect();
+        Rows { storage, stiffened, give, excess }
+    }
+
+    /// Of the links between cells.
+    fn inside(&self, grid: &Grid) -> Vec<f64> {
+        inside(grid).map(|(link, _)| self.stiffened[link]).collect()
+    }
+}
+
+/// The links between cells, and their ends.
+fn inside(grid: &Grid) -> impl Iterator<Item = (usize, [u32; 2])> {
+    let cells = grid.census.cells as u32;
+    grid.ends.iter().copied().enumerate().filter(move |(_, [low, high])| *low < cells && *high < cells)
+}
+
+impl System {
+    /// Assembles and prepares the solve.
+    ///
+    /// # Errors
+    /// Those of the solver.
+    pub fn new(grid: &Grid, terms: Terms) -> Result<System, Error> {
+        let cells = grid.census.cells;
+        let rows = Rows::new(grid, &terms);
+        let level_is_free = rows.excess.iter().all(|&e| e == 0.0);
+        let first = usize::from(level_is_free);
+        let unknown = |node: u32| (node as usize).checked_sub(first).map_or(FIXED, |node| node as u32);
+        let ends: Vec<[u32; 2]> = inside(grid).map(|(_, ends)| ends.map(unknown)).collect();
+        let matrix = Matrix::new(cells - first, &ends, &rows.inside(grid), &rows.excess[first..])?;
+        // Places in the grid: the order of elimination is the same wherever the planes are, and need not be found again.
+        let place = |cell| DVec3::from_array(grid.place(cell).map(|at| at as f64));
+        let places: Vec<DVec3> = (first..cells).map(place).collect();
         let params =
             Params { tolerance: terms.residual, expected_solves: EXPECTED_SOLVES, ..Params::default() };
-        let solver = Solver::new(&matrix, &params, Some(&centres))?;
+        let solver = Solver::new(&matrix, &params, Some(&places))?;
         Ok(System {
             terms,
             matrix,
             solver,
-            storage,
-            stiffened,
-            give,
-            excess: extra,
+            rows,
             resistance: Resistance::new(grid, terms.kick),
+            count: grid.count,
             level_is_free,
             rhs: vec![0.0; cells],
             flux: vec![0.0; grid.ends.len()],
-            along: Vec::new(),
+            drop: Vec::new(),
+            along: Default::default(),
         })
+    }
+
+    /// The same for another grid, or other terms; to the bit what [`System::new`] makes, but what depends on the number of cells alone
+    /// is not found again.
+    ///
+    /// # Errors
+    /// Those of the solver.
+    pub fn renew(&mut self, grid: &Grid, terms: Terms) -> Result<(), Error> {
+        let rows = Rows::new(grid, &terms);
+        let alike = self.count == grid.count
+            && self.terms.residual == terms.residual
+            && self.level_is_free == rows.excess.iter().all(|&e| e == 0.0);
+        if !alike {
+            *self = System::new(grid, terms)?;
+            return Ok(());
+        }
+        self.matrix.refresh(&rows.inside(grid), &rows.excess[usize::from(self.level_is_free)..])?;
+        self.solver.refresh(&self.matrix)?;
+        self.resistance = Resistance::new(grid, terms.kick);
+        (self.rows, self.terms) = (rows, terms);
+        Ok(())
     }
 
     /// Takes the pressures of all nodes [Pa] one step further. `change` is by how much those of the cells changed in the last
@@ -160,15 +201,16 @@ impl System {
         let size = self.flows(grid, outside.carried, pressure);
         self.rhs.fill(0.0);
         grid.gather(&self.flux, &mut self.rhs);
+        let inwards = std::array::from_fn(|face| -outside.wall_velocity[face].dot(NORMALS[face]));
         // What a wall node cannot keep goes to its cell; what a held one changes by drags its cell along.
         for (w, &link) in grid.wall_link.iter().enumerate() {
             let (link, face) = (link as usize, grid.wall_face[w] as usize);
-            let (g, give) = (self.stiffened[link], self.give[w]);
+            let (g, give) = (self.rows.stiffened[link], self.rows.give[w]);
             let cell = inner(grid, link);
             if self.terms.open[face] {
                 self.rhs[cell] += g * (outside.imposed[w] - pressure[cells + w]);
             } else {
-                self.rhs[cell] += g / (g + give) * self.wall_excess(grid, outside, w);
+                self.rhs[cell] += g / (g + give) * self.wall_excess(grid, outside, &inwards, w);
             }
         }
         let first = usize::from(self.level_is_free);
@@ -185,64 +227,76 @@ impl System {
             let volume: f64 = (0..cells).map(|cell| grid.volume(cell)).sum();
             -change.iter().enumerate().map(|(cell, d)| d * grid.volume(cell)).sum::<f64>() / volume
         } else {
-            let taken: f64 = self.excess.iter().zip(&*change).map(|(excess, change)| excess * change).sum();
-            (self.rhs.iter().sum::<f64>() - taken) / self.excess.iter().sum::<f64>()
+            let taken: f64 =
+                self.rows.excess.iter().zip(&*change).map(|(excess, change)| excess * change).sum();
+            (self.rhs.iter().sum::<f64>() - taken) / self.rows.excess.iter().sum::<f64>()
         };
         change.iter_mut().for_each(|change| *change += shift);
-        Ok((info, self.finish(grid, outside, pressure, change)))
+        Ok((info, self.finish(grid, outside, &inwards, pressure, change)))
     }
 
     /// What flows along the links before pressures change; the sum of the squares of all flows of grains and water.
     fn flows(&mut self, grid: &Grid, carried: &[Four], pressure: &[f64]) -> f64 {
-        // By turns, so that sums do not wait for each other.
-        let mut size = [0.0; 8];
+        let System { along, drop, flux, .. } = self;
         for axis in 0..3 {
-            self.along.clear();
-            self.along.extend(carried.iter().map(|carried| carried[axis]));
+            along[axis].clear();
+            along[axis].extend(carried.iter().map(|carried| carried[axis]));
             grid.each_row(axis, |links, corners| {
-                let n = links.len();
-                let [a, b, c, d] = corners.map(|corner| &self.along[corner..][..n]);
-                let (hold, g) = (&grid.hold[links.clone()], &grid.conductance[links.clone()]);
-                let (ends, flux) = (&grid.ends[links.clone()], &mut self.flux[links]);
-                for k in 0..n {
+                let [a, b, c, d] = corners.map(|corner| &along[axis][corner..][..links.len()]);
+                let (hold, flux) = (&grid.hold[links.clone()], &mut flux[links]);
+                for k in 0..hold.len() {
                     // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
-                    let carried = hold[k] * ((a[k] + b[k]) + (c[k] + d[k]));
-                    let [low, high] = ends[k];
-                    let flow = g[k] * (pressure[low as usize] - pressure[high as usize]);
-                    flux[k] = carried + flow;
-                    size[k % 8] += carried * carried + flow * flow;
+                    flux[k] = hold[k] * ((a[k] + b[k]) + (c[k] + d[k]));
                 }
             });
+        }
+        grid.drops(pressure, drop);
+        // By turns, so that sums do not wait for each other.
+        let mut size = [0.0; 8];
+        for ((flux, drop), g) in flux.chunks_mut(8).zip(drop.chunks(8)).zip(grid.conductance.chunks(8)) {
+            for (((flux, drop), g), size) in flux.iter_mut().zip(drop).zip(g).zip(&mut size) {
+                let flow = g * drop;
+                *size += *flux * *flux + flow * flow;
+                *flux += flow;
+            }
         }
         size.iter().sum()
     }
 
     /// The pull of the pressures and the drag around each corner.
     pub fn field(&mut self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
-        self.resistance.around(outside.carried, field);
-        pull(grid, pressure, field, &mut self.along, &mut self.flux);
+        let System { along, drop, resistance, .. } = self;
+        pull(grid, pressure, drop, along);
+        resistance.around(outside.carried, along, field);
     }
 
-    /// Net flux into wall node `w` from outside and from its link, before pressures change [m³/s].
-    fn wall_excess(&self, grid: &Grid, outside: &Outside, w: usize) -> f64 {
+    /// Net flux into wall node `w` from outside and from its link, before pressures change [m³/s]. `inwards` is the velocity of
+    /// each wall.
+    fn wall_excess(&self, grid: &Grid, outside: &Outside, inwards: &[f64; 6], w: usize) -> f64 {
         let (link, face) = (grid.wall_link[w] as usize, grid.wall_face[w] as usize);
-        let inwards = -outside.wall_velocity[face].dot(NORMALS[face]);
         let from_link = if face.is_multiple_of(2) { -self.flux[link] } else { self.flux[link] };
-        grid.area[link] * (outside.imposed[w] + inwards) + from_link
+        grid.area[link] * (outside.imposed[w] + inwards[face]) + from_link
     }
 
     /// Changes the pressures and sums up the flows.
-    fn finish(&mut self, grid: &Grid, outside: &Outside, pressure: &mut [f64], change: &[f64]) -> Flows {
+    fn finish(
+        &mut self,
+        grid: &Grid,
+        outside: &Outside,
+        inwards: &[f64; 6],
+        pressure: &mut [f64],
+        change: &[f64],
+    ) -> Flows {
         let cells = grid.census.cells;
         let mut flows = Flows::default();
-        for (cell, (&change, &storage)) in change.iter().zip(&self.storage).enumerate() {
+        for (cell, (&change, &storage)) in change.iter().zip(&self.rows.storage).enumerate() {
             pressure[cell] += change;
             flows.stored += storage * change;
         }
         for (w, &link) in grid.wall_link.iter().enumerate() {
             let (link, face) = (link as usize, grid.wall_face[w] as usize);
-            let (g, give) = (self.stiffened[link], self.give[w]);
-            let outwards = outside.wall_velocity[face].dot(NORMALS[face]);
+            let (g, give) = (self.rows.stiffened[link], self.rows.give[w]);
+            let outwards = -inwards[face];
             let of_cell = change[inner(grid, link)];
             let area = grid.area[link];
             if self.terms.open[face] {
@@ -252,7 +306,7 @@ impl System {
                 flows.swept += area * outwards;
                 pressure[cells + w] = outside.imposed[w];
             } else {
-                let change = (self.wall_excess(grid, outside, w) + g * of_cell) / (g + give);
+                let change = (self.wall_excess(grid, outside, inwards, w) + g * of_cell) / (g + give);
                 pressure[cells + w] += change;
                 flows.outflow[face] -= area * outside.imposed[w];
                 // A piston gives way to the change of pressure.
@@ -278,16 +332,12 @@ fn inner(grid: &Grid, link: usize) -> usize {
     low.min(high) as usize
 }
 
-/// Adds the force of the pressures [Pa] per volume of the grains around each corner. `along` and `pulls` are scratch.
-fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field], along: &mut Vec<f64>, pulls: &mut Vec<f64>) {
-    pulls.clear();
-    pulls.extend(
-        grid.hold
-            .iter()
-            .zip(&grid.ends)
-            .map(|(hold, &[low, high])| hold * (pressure[low as usize] - pressure[high as usize])),
-    );
-    for axis in 0..3 {
+/// The force of the pressures [Pa] per volume of the grains around each corner, one component after the other [N/m³]. `pulls` is
+/// scratch.
+fn pull(grid: &Grid, pressure: &[f64], pulls: &mut Vec<f64>, along: &mut [Vec<f64>; 3]) {
+    grid.drops(pressure, pulls);
+    pulls.iter_mut().zip(&grid.hold).for_each(|(pull, hold)| *pull *= hold);
+    for (axis, along) in along.iter_mut().enumerate() {
         along.clear();
         along.resize(grid.corners.len(), 0.0);
         grid.each_row(axis, |links, corners| {
@@ -297,14 +347,14 @@ fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field], along: &mut Vec<f64>
                 sums.iter_mut().zip(pulls).for_each(|(sum, pull)| *sum += pull);
             }
         });
-        field.iter_mut().zip(&*along).for_each(|(field, along)| field.pull[axis] += along);
     }
 }
 
 /// `S p`: the force of the pressures [Pa] on each grain [N], and the same as it serves to foresee.
 pub fn force(grid: &Grid, pressure: &[f64]) -> (Vec<DVec3>, Vec<Pull>) {
-    let mut field = vec![Field::default(); grid.corners.len()];
-    pull(grid, pressure, &mut field, &mut Vec::new(), &mut Vec::new());
+    let (mut along, mut field) = (Default::default(), Vec::new());
+    pull(grid, pressure, &mut Vec::new(), &mut along);
+    Resistance::none(grid).around(&vec![[0.0; 4]; grid.corners.len()], &along, &mut field);
     let grains = grid.corners.grains();
     let (mut pulled, mut force) = (vec![Pull::default(); grains], vec![DVec3::ZERO; grains]);
     let moving = Moving { velocity: &vec![DVec3::ZERO; grains], mass: &vec![1.0; grains], kick: 0.0 };
