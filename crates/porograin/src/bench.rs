@@ -7,7 +7,7 @@ mod solvers;
 
 pub use coarse::{CoarseBench, coarse};
 pub use coupled::{BenchError, CoupledBench, coupled};
-pub use dry::{DryBench, SpeedUp, dry, dry_model, grown, hertz_mindlin, linear};
+pub use dry::{DryBench, SpeedUp, dry, dry_model, flow, grown, hertz_mindlin, linear};
 pub use solvers::{SizeBench, SolverBench, Thesis, growth, sizes, solvers};
 
 use crate::fluid;

@@ -21,22 +21,12 @@ impl Resistance {
         Resistance(grid.resistance.iter().zip(&grid.corners.solid).map(of).collect())
     }
 
-    /// None at all.
-    pub fn none(grid: &Grid) -> Resistance {
-        Resistance(vec![[0.0; 2]; grid.corners.len()])
-    }
-
-    /// The field of the drag and of a pull, whose components come one after the other. `carried` are the sums of volume times velocity
-    /// of the grains around each corner.
-    pub fn around(&self, carried: &[Four], pull: &[Vec<f64>; 3], field: &mut Vec<Field>) {
+    /// Starts a field with the drag. `carried` are the sums of volume times velocity of the grains around each corner.
+    pub fn around(&self, carried: &[Four], field: &mut Vec<Field>) {
         field.clear();
-        let [x, y, z] = pull;
-        let pulls = x.iter().zip(y).zip(z);
-        field.extend(self.0.iter().zip(carried).zip(pulls).map(
-            |(([r, per_volume], [u, v, w, _]), ((&x, &y), &z))| Field {
-                pull: [x, y, z, *r],
-                drag: [per_volume * u, per_volume * v, per_volume * w, 0.0],
-            },
-        ));
+        field.extend(self.0.iter().zip(carried).map(|([r, per_volume], [x, y, z, _])| Field {
+            pull: [0.0, 0.0, 0.0, *r],
+            drag: [per_volume * x, per_volume * y, per_volume * z, 0.0],
+        }));
     }
 }

@@ -13,7 +13,6 @@ use crate::grains::{Grains, Shape};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
 
 /// The void part of a cell is taken to be within these bounds: a cell without grains lets the water pass as if it
 /// had one twentieth of solid, some thousand times better than a packing.
@@ -199,7 +198,7 @@ impl Grid {
     }
 
     /// The links along an axis.
-    pub fn links(&self, axis: usize) -> Range<usize> {
+    pub fn links(&self, axis: usize) -> std::ops::Range<usize> {
         self.axis_start[axis]..self.axis_start[axis + 1]
     }
 
@@ -239,53 +238,22 @@ impl Grid {
         self.axis_start[3] = self.ends.len();
     }
 
-    /// Calls `each(links, corners)` for the links along an axis, row by row along x, with the four corners of the first; those of
-    /// the others follow.
-    pub fn each_row(&self, axis: usize, mut each: impl FnMut(Range<usize>, [usize; 4])) {
+    /// Calls `each(link, corner)` for the links along an axis, with the lowest of the corners of each; from there
+    /// [`Grid::across`] leads to all four.
+    pub fn each_link(&self, axis: usize, mut each: impl FnMut(usize, usize)) {
         let (mut link, stride) = (self.axis_start[axis], self.corners.stride);
         if self.links(axis).is_empty() {
             return;
         }
-        let (across, mut dims) = (self.across(axis), self.count);
+        let mut dims = self.count;
         dims[axis] += 1;
         for z in 0..dims[2] {
             for y in 0..dims[1] {
-                each(link..link + dims[0], across.map(|step| y * stride[1] + z * stride[2] + step));
-                link += dims[0];
-            }
-        }
-    }
-
-    /// Calls `each(link, corner)` for the links along an axis, with the lowest of the corners of each; from there
-    /// [`Grid::across`] leads to all four.
-    pub fn each_link(&self, axis: usize, mut each: impl FnMut(usize, usize)) {
-        self.each_row(axis, |links, [first, ..]| {
-            links.enumerate().for_each(|(x, link)| each(link, first + x));
-        });
-    }
-
-    /// The pressure drop along each link, of pressures of all nodes [Pa].
-    pub fn drops(&self, pressure: &[f64], drop: &mut Vec<f64>) {
-        drop.resize(self.ends.len(), 0.0);
-        let [nx, ny, nz] = self.count;
-        for axis in (0..3).filter(|&axis| !self.links(axis).is_empty()) {
-            let mut dims = self.count;
-            dims[axis] += 1;
-            let (step, next) = ([1, dims[0], dims[0] * dims[1]][axis], [1, nx, nx * ny][axis]);
-            // From each cell to the next one along the axis, where there is one.
-            let [nx, ny, nz] = std::array::from_fn(|k| [nx, ny, nz][k] - usize::from(k == axis));
-            for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
-                let link = self.axis_start[axis] + (z * dims[1] + y) * dims[0] + step;
-                let cell = self.cell([0, y, z]);
-                let (low, high) = (&pressure[cell..][..nx], &pressure[cell + next..][..nx]);
-                for ((drop, low), high) in drop[link..][..nx].iter_mut().zip(low).zip(high) {
-                    *drop = low - high;
+                for x in 0..dims[0] {
+                    each(link, x * stride[0] + y * stride[1] + z * stride[2]);
+                    link += 1;
                 }
             }
-        }
-        for &link in &self.wall_link {
-            let [low, high] = self.ends[link as usize];
-            drop[link as usize] = pressure[low as usize] - pressure[high as usize];
         }
     }
 

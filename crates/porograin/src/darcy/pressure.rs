@@ -68,10 +68,6 @@ pub struct System {
     level_is_free: bool,
     rhs: Vec<f64>,
     flux: Vec<f64>,
-    /// Pressure drop along each link.
-    drop: Vec<f64>,
-    /// One component after the other around each corner.
-    along: [Vec<f64>; 3],
 }
 
 /// What the rows of the system are made of [m³/(Pa s)].
@@ -159,8 +155,6 @@ impl System {
             level_is_free,
             rhs: vec![0.0; cells],
             flux: vec![0.0; grid.ends.len()],
-            drop: Vec::new(),
-            along: Default::default(),
         })
     }
 
@@ -198,7 +192,19 @@ impl System {
         change: &mut [f64],
     ) -> Result<(Info, Flows), Error> {
         let cells = grid.census.cells;
-        let size = self.flows(grid, outside.carried, pressure);
+        let mut size = 0.0;
+        for axis in 0..3 {
+            let [_, a, b, c] = grid.across(axis);
+            grid.each_link(axis, |link, corner| {
+                // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
+                let of = |step: usize| outside.carried[corner + step][axis];
+                let carried = grid.hold[link] * ((of(0) + of(a)) + (of(b) + of(c)));
+                let [low, high] = grid.ends[link].map(|end| end as usize);
+                let flow = grid.conductance[link] * (pressure[low] - pressure[high]);
+                size += carried * carried + flow * flow;
+                self.flux[link] = carried + flow;
+            });
+        }
         self.rhs.fill(0.0);
         grid.gather(&self.flux, &mut self.rhs);
         let inwards = std::array::from_fn(|face| -outside.wall_velocity[face].dot(NORMALS[face]));
@@ -235,39 +241,10 @@ impl System {
         Ok((info, self.finish(grid, outside, &inwards, pressure, change)))
     }
 
-    /// What flows along the links before pressures change; the sum of the squares of all flows of grains and water.
-    fn flows(&mut self, grid: &Grid, carried: &[Four], pressure: &[f64]) -> f64 {
-        let System { along, drop, flux, .. } = self;
-        for axis in 0..3 {
-            along[axis].clear();
-            along[axis].extend(carried.iter().map(|carried| carried[axis]));
-            grid.each_row(axis, |links, corners| {
-                let [a, b, c, d] = corners.map(|corner| &along[axis][corner..][..links.len()]);
-                let (hold, flux) = (&grid.hold[links.clone()], &mut flux[links]);
-                for k in 0..hold.len() {
-                    // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
-                    flux[k] = hold[k] * ((a[k] + b[k]) + (c[k] + d[k]));
-                }
-            });
-        }
-        grid.drops(pressure, drop);
-        // By turns, so that sums do not wait for each other.
-        let mut size = [0.0; 8];
-        for ((flux, drop), g) in flux.chunks_mut(8).zip(drop.chunks(8)).zip(grid.conductance.chunks(8)) {
-            for (((flux, drop), g), size) in flux.iter_mut().zip(drop).zip(g).zip(&mut size) {
-                let flow = g * drop;
-                *size += *flux * *flux + flow * flow;
-                *flux += flow;
-            }
-        }
-        size.iter().sum()
-    }
-
     /// The pull of the pressures and the drag around each corner.
-    pub fn field(&mut self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
-        let System { along, drop, resistance, .. } = self;
-        pull(grid, pressure, drop, along);
-        resistance.around(outside.carried, along, field);
+    pub fn field(&self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
+        self.resistance.around(outside.carried, field);
+        pull(grid, pressure, field);
     }
 
     /// Net flux into wall node `w` from outside and from its link, before pressures change [m³/s]. `inwards` is the velocity of
@@ -332,19 +309,15 @@ fn inner(grid: &Grid, link: usize) -> usize {
     low.min(high) as usize
 }
 
-/// The force of the pressures [Pa] per volume of the grains around each corner, one component after the other [N/m³]. `pulls` is
-/// scratch.
-fn pull(grid: &Grid, pressure: &[f64], pulls: &mut Vec<f64>, along: &mut [Vec<f64>; 3]) {
-    grid.drops(pressure, pulls);
-    pulls.iter_mut().zip(&grid.hold).for_each(|(pull, hold)| *pull *= hold);
-    for (axis, along) in along.iter_mut().enumerate() {
-        along.clear();
-        along.resize(grid.corners.len(), 0.0);
-        grid.each_row(axis, |links, corners| {
-            let pulls = &pulls[links];
-            for corner in corners {
-                let sums = &mut along[corner..][..pulls.len()];
-                sums.iter_mut().zip(pulls).for_each(|(sum, pull)| *sum += pull);
+/// Adds the force of the pressures [Pa] per volume of the grains around each corner.
+fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field]) {
+    for axis in 0..3 {
+        let across = grid.across(axis);
+        grid.each_link(axis, |link, corner| {
+            let [low, high] = grid.ends[link];
+            let pull = grid.hold[link] * (pressure[low as usize] - pressure[high as usize]);
+            for step in across {
+                field[corner + step].pull[axis] += pull;
             }
         });
     }
@@ -352,9 +325,8 @@ fn pull(grid: &Grid, pressure: &[f64], pulls: &mut Vec<f64>, along: &mut [Vec<f6
 
 /// `S p`: the force of the pressures [Pa] on each grain [N], and the same as it serves to foresee.
 pub fn force(grid: &Grid, pressure: &[f64]) -> (Vec<DVec3>, Vec<Pull>) {
-    let (mut along, mut field) = (Default::default(), Vec::new());
-    pull(grid, pressure, &mut Vec::new(), &mut along);
-    Resistance::none(grid).around(&vec![[0.0; 4]; grid.corners.len()], &along, &mut field);
+    let mut field = vec![Field::default(); grid.corners.len()];
+    pull(grid, pressure, &mut field);
     let grains = grid.corners.grains();
     let (mut pulled, mut force) = (vec![Pull::default(); grains], vec![DVec3::ZERO; grains]);
     let moving = Moving { velocity: &vec![DVec3::ZERO; grains], mass: &vec![1.0; grains], kick: 0.0 };

@@ -138,6 +138,11 @@ fn ball_corner(corner: [f64; 3]) -> f64 {
     if square[0] + square[1] + square[2] >= 1.0 {
         return 0.0;
     }
+    // One plane alone, and the common case: a quarter of a cap.
+    if corner.iter().filter(|&&c| c == 0.0).count() >= 2 {
+        let a = corner[0] + corner[1] + corner[2];
+        return PI / 12.0 * (1.0 - a) * (1.0 - a) * (2.0 + a);
+    }
     let mut three_volumes = -PI;
     for axis in 0..3 {
         let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
