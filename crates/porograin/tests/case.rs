@@ -103,7 +103,7 @@ fn wrong_keys_and_types_are_shown_with_a_caret() {
     assert!(shown.ends_with("9 | young = \"stiff\"\n  |         ^^^^^^^"), "{shown}");
     let shown = refused(&GOOD.replace("porosity", "porostiy"), &[]);
     assert!(shown.contains("unknown choice `porostiy`"), "{shown}");
-    assert!(shown.contains("did you mean porosity? allowed here: porosity, grading,"), "{shown}");
+    assert!(shown.contains("did you mean porosity? allowed here: porosity, regions, grading,"), "{shown}");
     let shown = refused(&GOOD.replace("young = 15e6\n", ""), &[]);
     assert!(
         shown.starts_with("the key `young` is missing in `contact.linear`\n --> case.toml:8:"),
