@@ -1,7 +1,7 @@
 //! One-dimensional consolidation against Terzaghi's theory, with the sample's own modulus and permeability.
 //!
 //! Nothing is fitted. A dry copy of the sample is loaded: the slope of the grains' displacements away from the walls
-//! is the modulus of the bulk. A steady flow through the same pores, its pressure gradient taken away from the walls as
+//! is the modulus of the bulk. Rattlers are left out of that: they drift. A steady flow through the same pores, its pressure gradient taken away from the walls as
 //! well, gives the permeability of the bulk, and the planes where that gradient would reach the pressures of the faces
 //! are the ends of the drainage path: pores held at an open face's pressure drain at once and store nothing, so the
 //! path is shorter than the box, by a tenth to a third of a grain at each open face. What the top settles beyond the strain
@@ -10,6 +10,7 @@
 use crate::boundary::{Signal, Solid, Water};
 use crate::darcy;
 use crate::fluid;
+use crate::measure;
 use crate::model::{Flow, FluidModel, Model};
 use crate::permeability::{self, Problem};
 use crate::state::State;
@@ -54,8 +55,10 @@ pub struct Consolidation {
     pub parts: Vec<[f64; 2]>,
     /// Height of the sample then [m].
     pub height: f64,
-    /// Intrinsic permeability along the height [m²].
+    /// Intrinsic permeability of the bulk along the height, every grain held [m²].
     pub permeability: f64,
+    /// The same without the rattlers [m²]: as long as they swim with the water they do not hold it up.
+    pub permeability_without_rattlers: f64,
     /// Oedometric modulus of the bulk of a dry copy under the same load, away from the walls [Pa].
     pub modulus: f64,
     /// How far the top of the dry copy came down [m].
@@ -151,13 +154,17 @@ impl Consolidation {
         }
         let (dry_settlement, strain) = dry_test(state, model, target, load)?;
         let modulus = load / strain;
-        let (permeability, held) = measure_flow(state, model, fluid, load, open)?;
+        let all = vec![true; state.grains.len()];
+        let (permeability, held) = measure_flow(state, model, fluid, load, open, &all)?;
+        let carrying = measure::carrying(state);
+        let (permeability_without_rattlers, _) = measure_flow(state, model, fluid, load, open, &carrying)?;
         Ok(Consolidation {
             start: state.time,
             load,
             parts,
             height,
             permeability,
+            permeability_without_rattlers,
             modulus,
             dry_settlement,
             viscosity: fluid.viscosity,
@@ -216,13 +223,18 @@ impl Consolidation {
 
     /// Pressure over load that theory expects at height `z` [m] above the bottom, `time` [s] after `start`.
     pub fn theory(&self, z: f64, time: f64) -> f64 {
+        self.theory_with(1.0, z, time)
+    }
+
+    /// [`theory`](Self::theory) of a sample that is `faster` times as permeable.
+    fn theory_with(&self, faster: f64, z: f64, time: f64) -> f64 {
         // Distance from an open end, at most the path.
         let path = self.path();
         let depth = if self.open[0] { z - self.held[0] } else { self.height - self.held[1] - z };
         if depth <= 0.0 || depth >= 2.0 * path {
             return 0.0;
         }
-        superposed(&self.parts, time, |time| pressure(depth / path, self.dimensionless(time, path)))
+        superposed(&self.parts, time, |time| pressure(depth / path, faster * self.dimensionless(time, path)))
     }
 
     /// The comparison so far; `None` before the first record after [`COMPARE_FROM`].
@@ -260,6 +272,10 @@ impl Consolidation {
                 });
                 (p.middle - theory).abs()
             }),
+            max_error_without_rattlers: worst(&|p| {
+                let faster = self.permeability_without_rattlers / self.permeability;
+                (p.middle - self.theory_with(faster, 0.5 * self.height, p.time)).abs()
+            }),
             first_pressure: points
                 .iter()
                 .take_while(|p| p.tv < COMPARE_FROM)
@@ -294,6 +310,9 @@ pub struct Comparison {
     pub max_settlement_error: f64,
     /// `max_error` had path and modulus been those of the box, walls and held pores included [-].
     pub max_error_box_path: f64,
+    /// `max_error` had the permeability been that without rattlers [-]: the water of a small load carries them along, that
+    /// of a larger one presses them against their cages on the way, and then they hold it up.
+    pub max_error_without_rattlers: f64,
     /// Largest mid-height pressure over the load for `T_v < 0.05` [-]; theory: 1.
     pub first_pressure: f64,
     /// Every record.
@@ -348,13 +367,14 @@ fn series(tv: f64, term: impl Fn(f64, f64) -> f64) -> f64 {
 }
 
 /// Permeability of the bulk along the height [m²], and how far inside bottom and top the pressure of a steady flow in the
-/// bulk reaches theirs [m].
+/// bulk reaches theirs [m]; only the grains that `stay` are there.
 fn measure_flow(
     state: &State,
     model: &Model,
     fluid: &FluidModel,
     drop: f64,
     open: [bool; 2],
+    stay: &[bool],
 ) -> Result<(f64, [f64; 2]), ConsolidationError> {
     let pores = match &fluid.flow {
         Flow::Pores(pores) => pores,
@@ -376,11 +396,14 @@ fn measure_flow(
         residual: pores.residual,
     };
     let cell = &state.domain.cell;
-    let flow = permeability::measure(cell, &state.grains.position, &state.grains.radius, &problem)
+    let kept: Vec<usize> = (0..stay.len()).filter(|&i| stay[i]).collect();
+    let position: Vec<DVec3> = kept.iter().map(|&i| state.grains.position[i]).collect();
+    let radius: Vec<f64> = kept.iter().map(|&i| state.grains.radius[i]).collect();
+    let flow = permeability::measure(cell, &position, &radius, &problem)
         .map_err(|error| ConsolidationError::Permeability(error.to_string()))?;
     let (low, high) = bulk(state);
     let (mesh, height) = (&flow.mesh, (cell.upper() - cell.origin).z);
-    let packing = Packing { cell, position: &state.grains.position, radius: &state.grains.radius };
+    let packing = Packing { cell, position: &position, radius: &radius };
     let inner = (0..mesh.volume.len()).filter_map(|pore| {
         let corners: [Option<DVec3>; 4] =
             std::array::from_fn(|k| packing.point(&mesh.triangulation, pore, k));
@@ -435,11 +458,14 @@ fn bulk(state: &State) -> (f64, f64) {
 }
 
 /// Vertical strain between two states, compression positive: least-squares slope of the grains' displacements
-/// against their heights, over grains more than [`MARGIN`] mean diameters away from top and bottom.
+/// against their heights, over grains more than [`MARGIN`] mean diameters away from top and bottom. Rattlers have no
+/// say: in a dry sample without weight they drift about in their cages, as far as the others move.
 fn bulk_strain(before: &State, after: &State) -> f64 {
     let grains = &before.grains;
     let (low, high) = bulk(before);
-    let inner = (0..grains.len()).filter(|&i| (low..high).contains(&grains.position[i].z));
+    let (then, now) = (measure::carrying(before), measure::carrying(after));
+    let inner =
+        (0..grains.len()).filter(|&i| then[i] && now[i] && (low..high).contains(&grains.position[i].z));
     -line(inner.map(|i| {
         let z = grains.position[i].z;
         (1.0, z, after.grains.position[i].z - z)
@@ -470,7 +496,12 @@ fn line(points: impl Iterator<Item = (f64, f64, f64)>) -> Line {
 
 #[cfg(test)]
 mod tests {
-    use super::{line, parts, pressure, settlement, superposed};
+    use super::{bulk_strain, line, parts, pressure, settlement, superposed};
+    use crate::boundary::Domain;
+    use crate::contact::Contacts;
+    use crate::grains::Grains;
+    use crate::state::State;
+    use glam::DVec3;
 
     #[test]
     fn terzaghi_has_its_textbook_values() {
@@ -505,5 +536,40 @@ mod tests {
             let mean: f64 = (0..n).map(|i| pressure((i as f64 + 0.5) / n as f64, tv)).sum::<f64>() / n as f64;
             assert!((1.0 - mean - settlement(tv)).abs() < 1e-6, "{tv}");
         }
+    }
+
+    #[test]
+    fn rattlers_have_no_say_in_the_strain_of_the_bulk() {
+        let place = |k: usize| DVec3::new((k % 4) as f64, (k / 4 % 4) as f64, (k / 16) as f64) + 0.5;
+        let mut position: Vec<DVec3> = (0..128).map(place).collect();
+        let touching = |&[i, j]: &[u32; 2]| {
+            let apart = place(i as usize).distance(place(j as usize));
+            i < j && apart < 1.01
+        };
+        let pairs: Vec<[u32; 2]> =
+            (0..128).flat_map(|i| (0..128).map(move |j| [i, j])).filter(touching).collect();
+        position.push(DVec3::new(2.0, 2.0, 5.0));
+        let mut radius = vec![0.5; 128];
+        radius.push(0.2);
+        let mut before = State {
+            time: 0.0,
+            step: 0,
+            dt: 0.0,
+            domain: Domain::walled(DVec3::ZERO, DVec3::new(4.0, 4.0, 8.0)),
+            grains: Grains::at_rest(position, radius, 2600.0),
+            contacts: Contacts { shear: vec![DVec3::ZERO; pairs.len()], pairs, ..Contacts::default() },
+            fluid: None,
+        };
+        let mut after = before.clone();
+        for x in &mut after.grains.position {
+            x.z *= 1.0 - 1e-3;
+        }
+        assert!((bulk_strain(&before, &after) - 1e-3).abs() < 1e-13);
+        after.grains.position[128].z += 0.2;
+        assert!((bulk_strain(&before, &after) - 1e-3).abs() < 1e-13);
+        // A grain that is held has its say.
+        before.contacts.pairs.extend([[16, 128], [17, 128], [20, 128]]);
+        after.contacts = before.contacts.clone();
+        assert!((bulk_strain(&before, &after) - 1e-3).abs() > 1e-5);
     }
 }

@@ -35,9 +35,13 @@ pub fn compression(before: DMat3, now: DMat3) -> [f64; 4] {
     [1.0 - gradient.x_axis.x, 1.0 - gradient.y_axis.y, 1.0 - gradient.z_axis.z, 1.0 - gradient.determinant()]
 }
 
-/// Number of grains that carry nothing: fewer than three contacts with grains that are not rattlers themselves, or
-/// walls.
+/// Number of rattlers, the grains that carry nothing: see [`carrying`].
 pub fn rattlers(state: &State) -> usize {
+    carrying(state).iter().filter(|carries| !**carries).count()
+}
+
+/// Whether each grain carries load: at least three contacts with walls or with grains that carry load themselves.
+pub fn carrying(state: &State) -> Vec<bool> {
     let n = state.grains.len();
     let mut holds = vec![0_u32; n];
     let mut partners = vec![Vec::new(); n];
@@ -63,7 +67,7 @@ pub fn rattlers(state: &State) -> usize {
         }
         next += 1;
     }
-    loose.len()
+    is_loose.iter().map(|loose| !loose).collect()
 }
 
 /// Parts of the mass at which a grading is told.

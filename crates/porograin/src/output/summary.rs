@@ -123,6 +123,8 @@ pub struct Terzaghi {
     pub max_settlement_error: f64,
     /// `max_error` had path and modulus been those of the box, walls and held pores included.
     pub max_error_box_path: f64,
+    /// `max_error` had the permeability been that without rattlers.
+    pub max_error_without_rattlers: f64,
     /// Largest pressure at mid-height for `T_v < 0.05`, as part of the load; theory: 1.
     pub first_pressure: f64,
     /// Added stress on the top [Pa].
@@ -135,6 +137,8 @@ pub struct Terzaghi {
     pub box_path: f64,
     /// Oedometric modulus of the bulk, away from the walls [Pa].
     pub modulus: f64,
+    /// Permeability of the bulk without rattlers, over that with every grain held.
+    pub permeable_without_rattlers: f64,
     /// Part of the settlement that comes at once, that of the drained layers at the walls.
     pub immediate_settlement: f64,
     /// The curves, measured and in theory.
@@ -148,12 +152,15 @@ impl Terzaghi {
             max_error: comparison.max_error,
             max_settlement_error: comparison.max_settlement_error,
             max_error_box_path: comparison.max_error_box_path,
+            max_error_without_rattlers: comparison.max_error_without_rattlers,
             first_pressure: comparison.first_pressure,
             load: consolidation.load,
             coefficient: consolidation.coefficient(),
             path: consolidation.path(),
             box_path: consolidation.box_path(),
             modulus: consolidation.modulus,
+            permeable_without_rattlers: consolidation.permeability_without_rattlers
+                / consolidation.permeability,
             immediate_settlement: consolidation.immediate(),
             curves: comparison.points.clone(),
         }
