@@ -135,13 +135,18 @@ fn an_inclined_flow_follows_the_friction_law_of_sheared_samples() {
             count += 1;
         }
     }
-    let expected =
-        [[0.31, 0.507, 0.543], [0.108, 0.450, 0.570], [0.031, 0.371, 0.584], [0.010, 0.367, 0.585]];
+    // Means of eight samples (seeds 1 to 8) and, of the stress ratio, the standard deviation of one.
+    let expected = [
+        [0.31, 0.530, 0.543, 0.010],
+        [0.104, 0.425, 0.574, 0.006],
+        [0.031, 0.378, 0.584, 0.008],
+        [0.010, 0.368, 0.588, 0.018],
+    ];
     assert_eq!(law.len(), expected.len());
     for (found, row) in law.iter().zip(&expected) {
         assert!((found[0] / row[0] - 1.0).abs() < 0.1, "inertial number {found:?}");
-        assert!((found[1] - row[1]).abs() < 0.025, "stress ratio {found:?}");
-        assert!((found[2] - row[2]).abs() < 0.012, "solid fraction {found:?}");
+        assert!((found[1] - row[1]).abs() < 2.5 * row[3], "stress ratio {found:?}");
+        assert!((found[2] - row[2]).abs() < 0.008, "solid fraction {found:?}");
     }
 
     let mut flow = start(example("14-inclined-flow").join("case.toml"));
