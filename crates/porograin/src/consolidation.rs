@@ -1,11 +1,12 @@
 //! One-dimensional consolidation against Terzaghi's theory, with the sample's own modulus and permeability.
 //!
 //! Nothing is fitted. A dry copy of the sample is loaded: the slope of the grains' displacements away from the walls
-//! is the modulus of the bulk. Rattlers are left out of that: they drift. A steady flow through the same pores, its pressure gradient taken away from the walls as
-//! well, gives the permeability of the bulk, and the planes where that gradient would reach the pressures of the faces
-//! are the ends of the drainage path: pores held at an open face's pressure drain at once and store nothing, so the
-//! path is shorter than the box, by a tenth to a third of a grain at each open face. What the top settles beyond the strain
-//! of the bulk between those planes is the give of the layers at the walls, and comes at once.
+//! is the modulus of the bulk; rattlers, which drift, are left out of it. A steady flow through the same pores, its
+//! pressure gradient taken away from the walls as well, gives the permeability of the bulk, and the planes where that
+//! gradient would reach the pressures of the faces are the ends of the drainage path: pores held at an open face's pressure
+//! drain at once and store nothing, so the path is shorter than the box, by up to a third of a grain at each open face.
+//! What the top settles beyond the strain of the bulk between those planes is the give of the layers at the walls, and
+//! comes at once.
 
 use crate::boundary::{Signal, Solid, Water};
 use crate::darcy;
