@@ -49,6 +49,14 @@ pub struct Skin {
 }
 
 impl Skin {
+    /// Adds what a stress [Pa] does to the grains to their forces [N].
+    pub fn press(&self, stress: f64, grains: &Grains, forces: &mut [DVec3]) {
+        for triangle in &self.triangles {
+            let force = -stress / 3.0 * areas(grains, triangle);
+            triangle.iter().for_each(|&k| forces[k as usize] += force);
+        }
+    }
+
     /// Area of the membrane [m²] and volume inside it [m³].
     pub fn area_and_volume(&self, grains: &Grains) -> [f64; 2] {
         let Some(first) = self.triangles.first() else { return [0.0; 2] };
@@ -86,11 +94,7 @@ pub fn add(loads: &mut Loads, state: &mut State, model: &Model) -> Result<(), St
         skin.triangles = outside(&triangulation, grains, membrane.probe.unwrap_or(PROBE * mean));
         skin.made_at_step = Some(state.step);
     }
-    let stress = membrane.stress.at(state.time - model.stage_start);
-    for triangle in &skin.triangles {
-        let force = -stress / 3.0 * areas(grains, triangle);
-        triangle.iter().for_each(|&k| loads.force[k as usize] += force);
-    }
+    skin.press(membrane.stress.at(state.time - model.stage_start), grains, &mut loads.force);
     Ok(())
 }
 

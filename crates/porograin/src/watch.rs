@@ -214,8 +214,8 @@ impl Measure {
             Measure::KineticEnergy => "kinetic energy of the grains, turning included",
             Measure::ElasticEnergy => "energy stored in the contacts",
             Measure::EnergyBudget => {
-                "since the stage began: work of walls, gravity and water, losses by friction, dampers, local damping and time \
-                 integration, and what does not balance (not in periodic cells, not with glue or a membrane)"
+                "since the stage began: work of walls, periodic cell, membrane, gravity and water, losses by friction, dampers, \
+                 local damping and time integration, and what does not balance (not with glue)"
             }
             Measure::Speed => "largest speed of a grain",
             Measure::TimeStep => "length of the step",
@@ -301,6 +301,8 @@ impl Measure {
             Measure::ElasticEnergy => list(&["elastic_energy [J]"]),
             Measure::EnergyBudget => list(&[
                 "wall_work [J]",
+                "cell_work [J]",
+                "membrane_work [J]",
                 "gravity_work [J]",
                 "water_work [J]",
                 "friction_loss [J]",
@@ -450,20 +452,14 @@ impl Measure {
                 let along = |axis: usize| found.velocity.map(|v| v[axis]);
                 [found.solid, along(0), along(1), along(2)].concat()
             }
-            Measure::KineticEnergy if domain.is_periodic() => {
-                // What goes with the deformation of the cell depends on where its corner is.
-                let mut besides = grains.clone();
-                for (v, &x) in besides.velocity.iter_mut().zip(&grains.position) {
-                    *v = domain.peculiar(x, *v);
-                }
-                vec![measure::kinetic_energy(&besides)]
-            }
-            Measure::KineticEnergy => vec![measure::kinetic_energy(grains)],
+            Measure::KineticEnergy => vec![measure::kinetic_energy_beside(now.state)],
             Measure::ElasticEnergy => vec![measure::elastic_energy(now.state, now.model)],
             Measure::EnergyBudget => {
                 let ledger = now.ledger.filter(|ledger| ledger.start.is_some())?;
-                let Ledger { walls, gravity, water, friction, viscous, damping, integration, .. } = *ledger;
-                vec![walls, gravity, water, friction, viscous, damping, integration, ledger.error()]
+                let Ledger { walls, cell, membrane, gravity, water, .. } = *ledger;
+                let Ledger { friction, viscous, damping, integration, .. } = *ledger;
+                let error = ledger.error();
+                vec![walls, cell, membrane, gravity, water, friction, viscous, damping, integration, error]
             }
             Measure::Speed => vec![grains.velocity.iter().map(|v| v.length()).fold(0.0, f64::max)],
             Measure::TimeStep => vec![now.report.dt],

@@ -77,6 +77,83 @@ fn the_budget_closes_to_a_millionth_in_slow_loading_and_with_the_square_of_the_s
     }
 }
 
+/// Grains in a periodic cell, and grains in a membrane pressed by a plate: the budget closes there as well.
+#[test]
+fn the_budget_closes_in_a_cell_and_in_a_membrane() {
+    let grains = r#"
+        [grains]
+        packing = { cloud = { count = 100, spread = 0.2, seed = 3, porosity = 0.7 } }
+        density = 2600.0
+        [[watch]]
+        measures = ["energy-budget"]
+        every = { steps = 1000 }
+        "#;
+    let cell = r#"
+        title = "cell"
+        [domain]
+        size = [0.0083, 0.0083, 0.0083]
+        periodic = "xyz"
+        [[stage]]
+        name = "press"
+        cell = { stress = { xx = 1000.0, yy = 1000.0, zz = 1000.0 } }
+        until = { time = 0.05 }
+        [[stage]]
+        name = "shear"
+        cell = { gradient = { xz = 2.0, yx = -1.0 }, stress = { zz = 1000.0 } }
+        until = { time = 0.05 }
+        "#;
+    let channel = r#"
+        title = "channel"
+        gravity = [3.0, 0.0, -9.81]
+        [domain]
+        size = [0.0083, 0.0083, 0.0083]
+        periodic = "xy"
+        [[stage]]
+        name = "press"
+        cell = { stress = { xx = 1000.0 } }
+        face.bottom.solid = { servo = { stress = 1000.0 } }
+        face.top.solid = { servo = { stress = 1000.0 } }
+        until = { time = 0.05 }
+        [[stage]]
+        name = "shear"
+        cell = { gradient = { xx = 0.5, xy = 1.0 } }
+        face.bottom.solid = "fixed"
+        face.top.solid = { moving = { velocity = [0.01, 0.0, -0.01] } }
+        until = { time = 0.03 }
+        "#;
+    let membrane = r#"
+        title = "membrane"
+        [domain]
+        size = [0.0139, 0.0139, 0.0139]
+        [[stage]]
+        name = "press"
+        face.all.solid = { servo = { stress = 1000.0 } }
+        until = { time = 0.05 }
+        [[stage]]
+        name = "shear"
+        membrane = { stress = 1000.0 }
+        face.sides.solid = "fixed"
+        face.top.solid = { moving = { velocity = [0.0, 0.0, -0.01] } }
+        until = { time = 0.03 }
+        "#;
+    for law in [LINEAR, HERTZ] {
+        for (place, who) in [(cell, 0), (channel, 1), (membrane, 2)] {
+            let text = format!("{place}{grains}{law}");
+            let case = Case::from_text("case.toml", &text, Path::new("."), &[]).unwrap();
+            let ends = ledgers(&case);
+            for ledger in &ends {
+                assert!(
+                    ledger.error().abs() < 1e-10 * ledger.input(),
+                    "{who}: {:e} of {ledger:?}",
+                    ledger.error()
+                );
+            }
+            let came = [ends[1].cell, ends[1].cell, ends[1].membrane][who];
+            assert!(came.abs() > 0.01 * ends[1].input(), "{who}: {:?}", ends[1]);
+        }
+    }
+}
+
 #[test]
 fn a_resumed_run_keeps_the_same_ledger() {
     let case = case(LINEAR, 0.8);

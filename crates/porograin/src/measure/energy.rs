@@ -5,12 +5,25 @@ use crate::contact::{ContactLaw, Surroundings};
 use crate::grains::{Grains, Loads};
 use crate::model::Model;
 use crate::state::State;
+use glam::DVec3;
 
 /// Kinetic energy of the grains, spins included [J].
 pub fn kinetic_energy(grains: &Grains) -> f64 {
+    kinetic_energy_at(grains, &grains.velocity)
+}
+
+/// The same, beside the flow of a periodic cell: what goes with its deformation depends on where its corner is [J].
+pub fn kinetic_energy_beside(state: &State) -> f64 {
+    let State { grains, domain, .. } = state;
+    let beside = |(&x, &v): (&DVec3, &DVec3)| domain.peculiar(x, v);
+    let velocity: Vec<DVec3> = grains.position.iter().zip(&grains.velocity).map(beside).collect();
+    kinetic_energy_at(grains, &velocity)
+}
+
+/// Kinetic energy of grains that turn as they do and move at other velocities [m/s] [J].
+pub fn kinetic_energy_at(grains: &Grains, velocity: &[DVec3]) -> f64 {
     let of = |k: usize| {
-        grains.mass[k] * grains.velocity[k].length_squared()
-            + grains.inertia(k) * grains.spin[k].length_squared()
+        grains.mass[k] * velocity[k].length_squared() + grains.inertia(k) * grains.spin[k].length_squared()
     };
     0.5 * (0..grains.len()).map(of).sum::<f64>()
 }

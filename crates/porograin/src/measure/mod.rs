@@ -11,7 +11,7 @@ mod region;
 mod sensor;
 mod stress;
 pub use directions::{CLASSES, Directions, LAYERS, Profile, directions, profile};
-pub use energy::{elastic_energy, kinetic_energy, unbalanced};
+pub use energy::{elastic_energy, kinetic_energy, kinetic_energy_at, kinetic_energy_beside, unbalanced};
 pub use flow::{PoreFlow, Site, Walk};
 pub use local::{Local, displacement, local, places, strain_deviator};
 pub use microstructure::{

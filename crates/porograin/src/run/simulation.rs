@@ -231,7 +231,7 @@ impl Simulation {
             return Err(RunError::Empty { stage: stage.name.clone() });
         }
         let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
-        let before = self.progress.ledger.and_then(|_| Before::of(&self.state, &self.model));
+        let before = self.progress.ledger.and_then(|_| Before::of(&self.state));
         let report = match step(&mut self.state, &self.model, &mut self.work) {
             Err(StepError::Outside { trouble, report }) => {
                 found.push(trouble);
@@ -313,7 +313,7 @@ impl Simulation {
         }
         let (state, progress) = (&mut self.state, &mut self.progress);
         let energy = |state: &State| {
-            measure::kinetic_energy(&state.grains) + measure::elastic_energy(state, &self.model)
+            measure::kinetic_energy_beside(state) + measure::elastic_energy(state, &self.model)
         };
         let open = progress.ledger.as_mut().and_then(|ledger| ledger.start.as_mut());
         let before = open.as_ref().map(|_| energy(state));
