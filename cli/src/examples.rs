@@ -205,6 +205,16 @@ const EXAMPLES: &[Example] = &[
             ("quicksand.svg", include_str!("../../examples/22-quicksand/quicksand.svg")),
         ],
     },
+    Example {
+        name: "23-membrane-triaxial",
+        about: "triaxial compression in a flexible membrane between two plates (case.toml), and between walls (rigid.toml)",
+        files: &[
+            ("case.toml", include_str!("../../examples/23-membrane-triaxial/case.toml")),
+            ("rigid.toml", include_str!("../../examples/23-membrane-triaxial/rigid.toml")),
+            ("README.md", include_str!("../../examples/23-membrane-triaxial/README.md")),
+            ("curves.svg", include_str!("../../examples/23-membrane-triaxial/curves.svg")),
+        ],
+    },
 ];
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.

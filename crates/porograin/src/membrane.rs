@@ -36,7 +36,7 @@ pub struct Membrane {
 }
 
 fn often() -> u64 {
-    200
+    20
 }
 
 /// Where the membrane is: part of the state, since it depends on when it was made.

@@ -73,7 +73,7 @@ impl Case {
         } else if self.domain.periodic.0[2] {
             "grains fall along z, but the domain is periodic along z"
         } else if self.model(k, 0.0).fluid.is_some() {
-            "grains fall into dry stages only"
+            "grains fall into dry stages only: say `fluid = false` in it, and let the water in afterwards"
         } else {
             return Ok(());
         };

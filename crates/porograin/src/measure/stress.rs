@@ -11,15 +11,24 @@ use porograin_geometry::triangulation::wall;
 /// Stress of the sample [Pa] from its contacts, `1/V sum F ⊗ branch` (Catalano 2.18 summed): F the force on the
 /// second, the branch from centre to centre, or from the centre to the contact point at a wall. Row: direction of the
 /// force.
+///
+/// In a membrane V is the volume inside it. That ends at centres of grains, and so do the branches of contacts with walls.
 pub fn contact_stress(state: &State, model: &Model) -> DMat3 {
+    let skin = &state.domain.skin;
+    let wrapped = !skin.triangles.is_empty();
     let sum: DMat3 = contact_forces(state, model)
         .map(|([_, second], touch, force)| {
             let [near, far] = touch.levers();
-            let branch = if wall(second).is_some() { near } else { near + far };
+            let branch = match wall(second) {
+                Some(_) if wrapped => 0.0,
+                Some(_) => near,
+                None => near + far,
+            };
             outer(-force, branch * touch.normal)
         })
         .sum();
-    sum * state.domain.cell.volume().recip()
+    let volume = if wrapped { skin.area_and_volume(&state.grains)[1] } else { state.domain.cell.volume() };
+    sum * volume.recip()
 }
 
 /// Mean stress carried by the contacts, a third of the trace [Pa].

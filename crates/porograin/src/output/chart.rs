@@ -148,7 +148,7 @@ impl Chart {
     fn legend(&self, out: &mut String, x: &Scale, y: &Scale) {
         let named: Vec<&Series> = self.series.iter().filter(|s| !s.name.is_empty()).collect();
         let Some(longest) = named.iter().map(|s| s.name.chars().count()).max() else { return };
-        let (width, height) = (44.0 + 6.6 * longest as f64, 10.0 + 17.0 * named.len() as f64);
+        let (width, height) = (44.0 + 7.4 * longest as f64, 10.0 + 17.0 * named.len() as f64);
         let hidden = |left: f64, top: f64| {
             let inside = |p: &&[f64; 2]| {
                 let (px, py) = (x.place(p[0]), HEIGHT - y.place(p[1]));

@@ -143,14 +143,34 @@ fn chart(plot: &Plot, runs: &[(String, History)]) -> Chart {
             series.push(Series { name, points, mark: Mark::Line, colour: series.len() });
         }
     }
-    // Of columns with one unit the axis names that; the legend says which is which.
     let heads: Vec<String> = plot.y.iter().map(|column| head(column)).collect();
     Chart {
         title: plot.title.clone(),
         x: Axis { label: head(&plot.x), logarithmic: plot.log_x, range: None },
-        y: Axis { label: heads.join(", "), logarithmic: plot.log_y, range: None },
+        y: Axis { label: shared(&heads), logarithmic: plot.log_y, range: None },
         series,
     }
+}
+
+/// What heads such as `discharge x [m/s]` share: the words they begin with and the unit; where the units differ, all of them. The legend
+/// says which is which.
+fn shared(heads: &[String]) -> String {
+    let unit = |head: &str| head.find(" [").map_or(String::new(), |at| head[at + 1..].to_owned());
+    let Some((first, others)) = heads.split_first() else { return String::new() };
+    if others.is_empty() || others.iter().any(|head| unit(head) != unit(first)) {
+        return heads.join(", ");
+    }
+    let words = |head: &str| -> Vec<String> {
+        let name = head.split(" [").next().unwrap_or_default();
+        name.split(' ').map(str::to_owned).collect()
+    };
+    let mut label = words(first);
+    for head in others {
+        let same = label.iter().zip(&words(head)).take_while(|(a, b)| a == b).count();
+        label.truncate(same);
+    }
+    label.push(unit(first));
+    label.join(" ").trim().to_owned()
 }
 
 #[cfg(test)]
@@ -191,5 +211,14 @@ mod tests {
         assert_eq!(names, ["a.svg", "b.svg"]);
         assert_eq!(drawn[0].1.matches("<polyline").count(), 2 + 4);
         assert!(drawn[0].1.contains(">y: b c<") && drawn[1].1.contains(">y<"), "{}", drawn[0].1);
+    }
+
+    #[test]
+    fn an_axis_names_what_its_columns_share() {
+        let label = |heads: &[&str]| shared(&heads.iter().map(|&head| head.to_owned()).collect::<Vec<_>>());
+        assert_eq!(label(&["water stress xx [Pa]", "water stress zz [Pa]"]), "water stress [Pa]");
+        assert_eq!(label(&["porosity", "solid"]), "");
+        assert_eq!(label(&["a [m]", "b [Pa]"]), "a [m], b [Pa]");
+        assert_eq!(label(&["a b [m]"]), "a b [m]");
     }
 }
