@@ -69,7 +69,7 @@ impl Cholesky {
         .map_err(|_| Error::Memory)?;
         let requirement =
             factorize_supernodal_numeric_llt_scratch::<u32, f64>(&symbolic, Par::Seq, Default::default());
-        let packed = Packed::new(&symbolic);
+        let packed = Packed::new(&symbolic, &order);
         let mut cholesky = Cholesky {
             order,
             values: vec![0.0; rows.len()],
@@ -120,14 +120,8 @@ impl Cholesky {
 
     /// `x = A⁻¹ b` all in single precision, for numbers around one.
     pub fn apply_single(&mut self, b: &[f32], x: &mut [f32]) {
-        for (x, &i) in self.packed.x().iter_mut().zip(&self.order) {
-            *x = b[i as usize];
-        }
-        self.packed.solve();
         let scale = self.scale as f32;
-        for (y, &i) in self.packed.x().iter().zip(&self.order) {
-            x[i as usize] = *y * scale;
-        }
+        self.packed.solve(|i| b[i], |i, found| x[i] = found * scale);
     }
 
     /// Entries of the factor.
@@ -147,14 +141,8 @@ impl Preconditioner for Cholesky {
             z.copy_from_slice(r);
             return;
         };
-        for (x, &i) in self.packed.x().iter_mut().zip(&self.order) {
-            *x = (r[i as usize] * down) as f32;
-        }
-        self.packed.solve();
         let up = self.scale / down;
-        for (x, &i) in self.packed.x().iter().zip(&self.order) {
-            z[i as usize] = f64::from(*x) * up;
-        }
+        self.packed.solve(|i| (r[i] * down) as f32, |i, found| z[i] = f64::from(found) * up);
     }
 }
 

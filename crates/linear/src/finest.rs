@@ -26,10 +26,11 @@ pub struct Finest {
     /// First node of each cluster, length clusters + 1.
     starts: Vec<u32>,
     parts: Vec<Part>,
-    /// `D = (I - T)⁻¹ diag(1 / inverse) (I - T)⁻ᵀ`: the entries of `T`, in the order in which nodes are taken out.
+    /// `D = (I - T)⁻¹ diag(1 / inverse) (I - T)⁻ᵀ`: the entries of `T`, of each cluster in the order in which its nodes are taken out,
+    /// [interleaved](interleave).
     shares: Vec<Share>,
     inverse: Vec<f32>,
-    /// The throats between clusters, in the order of their nodes; each is there twice.
+    /// The throats between clusters, of each cluster in the order of its nodes, interleaved; each is there twice.
     throats: Vec<Throat>,
     /// What the rows of the matrix sum to.
     excess: Vec<f32>,
@@ -46,7 +47,27 @@ struct Part {
     throats: Range<usize>,
 }
 
+/// Puts the first entry of every cluster of a part before the second one of every cluster, and so on. `ranks` says which one of its
+/// cluster each is.
+///
+/// Neighbouring entries then have nothing to do with each other. Those of one cluster add to the same few sums, and each would wait for
+/// the one before it to be written.
+fn interleave<T: Copy>(entries: &mut [T], ranks: &[u32]) {
+    let mut starts = vec![0; ranks.iter().max().map_or(0, |&most| most as usize + 2)];
+    ranks.iter().for_each(|&rank| starts[rank as usize + 1] += 1);
+    for rank in 1..starts.len() {
+        starts[rank] += starts[rank - 1];
+    }
+    let given = entries.to_vec();
+    for (&entry, &rank) in given.iter().zip(ranks) {
+        let at = &mut starts[rank as usize];
+        entries[*at] = entry;
+        *at += 1;
+    }
+}
+
 /// A share of what enters a node when it is taken out goes on to another node. Both count from the beginning of the part.
+#[derive(Clone, Copy)]
 struct Share {
     from: u16,
     to: u16,
@@ -54,6 +75,7 @@ struct Share {
 }
 
 /// A throat of a node, and of its cluster, to another cluster's node. The first two count from the beginning of the part.
+#[derive(Clone, Copy)]
 struct Throat {
     node: u16,
     cluster: u16,
@@ -114,8 +136,10 @@ impl Finest {
         let Finest { order, place, cluster, starts, parts, shares, inverse, .. } = self;
         let mut star = Star::new();
         let (mut old, mut now) = ([0u32; LARGEST], [0u16; LARGEST]);
+        let mut ranks = Vec::new();
         for part in parts {
             let before = shares.len();
+            ranks.clear();
             for c in part.clusters.clone() {
                 let range = starts[c] as usize..starts[c + 1] as usize;
                 let (first, size) = (range.start, range.len());
@@ -145,10 +169,12 @@ impl Finest {
                     order[at] = old[k];
                 }
                 shares[begin..].iter_mut().for_each(|share| share.to = now[share.to as usize]);
+                ranks.extend(0..(shares.len() - begin) as u32);
                 for k in 0..size {
                     place[old[k] as usize] = part.nodes.start as u32 + u32::from(now[k]);
                 }
             }
+            interleave(&mut shares[before..], &ranks);
             part.shares = before..shares.len();
         }
     }
@@ -159,9 +185,12 @@ impl Finest {
         let mut rows = Rows::with_room(count);
         let mut diagonal = Vec::with_capacity(count);
         let mut seen = vec![NONE; count];
+        let mut ranks = Vec::new();
         for part in &mut self.parts {
             let before = self.throats.len();
+            ranks.clear();
             for c in part.clusters.clone() {
+                let begin = self.throats.len();
                 let mut sum = 0.0;
                 for k in self.starts[c] as usize..self.starts[c + 1] as usize {
                     let i = self.order[k] as usize;
@@ -184,7 +213,9 @@ impl Finest {
                 }
                 rows.end();
                 diagonal.push(sum);
+                ranks.extend(0..(self.throats.len() - begin) as u32);
             }
+            interleave(&mut self.throats[before..], &ranks);
             part.throats = before..self.throats.len();
         }
         Sparse { rows, diagonal }

@@ -152,7 +152,19 @@ pub fn direction(beta: f64, z: &[f64], p: &mut [f64]) {
 /// The power of two that brings the largest entry between one and two, for a copy in single precision, which has few
 /// exponents; nothing if all entries are zero or one is infinite.
 pub fn power_below(r: &[f64]) -> Option<f64> {
-    let largest = r.iter().fold(0.0f64, |m, r| m.max(r.abs()));
+    let larger = |a: f64, b: f64| if a > b { a } else { b };
+    let chunk = |r: &[f64]| {
+        let mut most = [0.0f64; 8];
+        let (whole, last) = r.as_chunks::<8>();
+        for r in whole {
+            for lane in 0..8 {
+                most[lane] = larger(r[lane].abs(), most[lane]);
+            }
+        }
+        most.iter().fold(last.iter().fold(0.0, |most, r| larger(r.abs(), most)), |a, &b| larger(a, b))
+    };
+    let largest =
+        if alone(r.len()) { chunk(r) } else { r.par_chunks(CHUNK).map(chunk).reduce(|| 0.0, larger) };
     (largest > 0.0 && largest.is_finite()).then(|| largest.log2().floor().exp2().recip())
 }
 

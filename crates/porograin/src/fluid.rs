@@ -13,8 +13,8 @@ use crate::pores::mesh::{BLOCKED, Carried, Mesh, POINT, Walls};
 use crate::pores::shear::{self, Film};
 use crate::pores::store::{self, Store};
 use crate::pores::{
-    Coupling, Detached, Memory, Places, Point, PointWater, PoreState, Pores, Pull, Recipe, Stepping, System,
-    geometric, viscous,
+    Coupling, Detached, Memory, Places, Point, PointWater, PoreState, Pores, Pull, Recipe, Room, Stepping,
+    System, geometric, viscous,
 };
 use crate::stability;
 use crate::state::State;
@@ -40,6 +40,9 @@ pub enum Fluid {
     Darcy(GridState),
 }
 
+/// Explicit steps start from so much of the way from the line through the last two pressures to the parabola through the last three. The
+/// parabola foresees best, but what the last solves have left over it passes on 4.4 times as large, this 3.7 times.
+const BEND: f64 = 0.7;
 /// Steps between two looks at how much the pores have deformed.
 const LOOK_EVERY: u64 = 10;
 /// Nodes that are worth a thread.
@@ -57,6 +60,7 @@ pub struct Scratch {
     /// Velocities of the grains beside the flow of a periodic cell.
     velocities: Velocities,
     implicit: Foreseen,
+    room: Room,
     /// Of the grid.
     pub darcy: darcy::Scratch,
 }
@@ -403,7 +407,7 @@ pub fn advance(
     dt: f64,
     scratch: &mut Scratch,
 ) -> Result<Option<Report>, StepError> {
-    let Scratch { made, carried, entering, pull, velocities, implicit: foreseen, darcy } = scratch;
+    let Scratch { made, carried, entering, pull, velocities, implicit: foreseen, darcy, .. } = scratch;
     foreseen.clear();
     if state.grid().is_some() {
         return coarse::advance(loads, state, model, dt, darcy);
@@ -420,7 +424,7 @@ pub fn advance(
     let interval = if implicit { dt } else { last };
     // Pressures vary smoothly from step to step: start from where they were heading.
     // Implicit steps are too long for more than a straight line.
-    let bend = if implicit { 0.0 } else { 1.0 };
+    let bend = if implicit { 0.0 } else { BEND };
     let [before, earlier] = &mut water.before;
     // The new start takes the place of the oldest pressures, then the three change places.
     earlier.par_iter_mut().zip(before.par_iter()).zip(&water.pressure).with_min_len(SHARE).for_each(
@@ -609,14 +613,14 @@ pub fn add(loads: &mut Loads, state: &State, scratch: &mut Scratch) {
         darcy::add(loads, water, &state.grains, &mut scratch.darcy);
     }
     if let (Some(made), Some(water)) = (&scratch.made, state.pores()) {
-        push(loads, &made.mesh, &water.pressure);
+        push(loads, &made.mesh, &water.pressure, &mut scratch.room);
     }
 }
 
 /// The push of given pressures.
-fn push(loads: &mut Loads, mesh: &Mesh, pressure: &[f64]) {
+fn push(loads: &mut Loads, mesh: &Mesh, pressure: &[f64], room: &mut Room) {
     let walls = loads.wall;
-    mesh.add_loads(pressure, loads);
+    mesh.add_loads_in(room, pressure, loads);
     for face in 0..6 {
         if mesh.open[face] {
             loads.wall[face] = walls[face];

@@ -61,7 +61,7 @@ impl Foreseen {
             && let Some(water) = state.pores()
         {
             self.felt.clone_from(loads);
-            super::push(&mut self.felt, mesh, &water.pressure);
+            super::push(&mut self.felt, mesh, &water.pressure, &mut self.room.patches);
             self.damped = true;
         }
         let felt = if self.damped { &self.felt } else { loads };

@@ -7,6 +7,41 @@ use glam::DVec3;
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::throat::Packing;
 use porograin_geometry::triangulation::wall;
+use std::ops::{AddAssign, SubAssign};
+
+/// What a pore does to one of its vertices per unit of its pressure: force [m²], then torque [m³]. Also the volume that leaves the pore
+/// per unit of velocity, then spin, of that vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Push(pub [f64; 6]);
+
+impl Push {
+    /// Of a force [m²] and a torque [m³].
+    pub fn new(force: DVec3, torque: DVec3) -> Push {
+        Push([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    }
+
+    /// [m²]
+    pub fn force(&self) -> DVec3 {
+        DVec3::from_slice(&self.0)
+    }
+
+    /// [m³]
+    pub fn torque(&self) -> DVec3 {
+        DVec3::from_slice(&self.0[3..])
+    }
+}
+
+impl AddAssign for Push {
+    fn add_assign(&mut self, other: Push) {
+        self.0.iter_mut().zip(other.0).for_each(|(a, b)| *a += b);
+    }
+}
+
+impl SubAssign for Push {
+    fn sub_assign(&mut self, other: Push) {
+        self.0.iter_mut().zip(other.0).for_each(|(a, b)| *a -= b);
+    }
+}
 
 /// Force and torque on each vertex per unit of `p_i - p_j` [m², m³]; also the volume carried from pore i to pore j
 /// per unit velocity and spin of that vertex. Walls have no torque.

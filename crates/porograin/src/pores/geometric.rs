@@ -3,6 +3,7 @@
 //! can give the grains energy: see the tests of the implicit step.
 
 use super::conductance::{Conductance, Passage};
+use super::coupling::Push;
 use super::images;
 use super::mesh::{Mesh, Walls, between};
 use glam::{DMat3, DVec3};
@@ -13,8 +14,7 @@ use porograin_geometry::triangulation::FACET;
 /// Replaces the coupling of a mesh.
 pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Conductance) {
     let pores = mesh.triangulation.pores.len();
-    mesh.force = vec![[DVec3::ZERO; 4]; pores];
-    mesh.torque = vec![[DVec3::ZERO; 4]; pores];
+    mesh.push = vec![[Push::default(); 4]; pores];
     if let Some(images) = &mut mesh.images {
         images.stretch.fill(DMat3::ZERO);
         images.wall_drag.clear();
@@ -31,8 +31,8 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
         let mut forces = [DVec3::ZERO; 3];
         for (k, &slot) in FACET[throat.facet as usize].iter().enumerate() {
             let force = (shape.covered[k] + shape.fluid_area * share[k]) * shape.normal;
-            mesh.force[i][slot] += force;
-            mesh.force[j][slots[k]] -= force;
+            mesh.push[i][slot] += Push::new(force, DVec3::ZERO);
+            mesh.push[j][slots[k]] -= Push::new(force, DVec3::ZERO);
             forces[k] = force;
         }
         if let Some(images) = &mut mesh.images {
@@ -48,6 +48,8 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
         closing[j] -= shape.area * shape.normal;
     }
     mesh.add_wall_faces(&closing);
-    let gradient = |pore| pore_volume_gradient(packing, &mesh.triangulation, pore);
+    let gradient = |pore| {
+        pore_volume_gradient(packing, &mesh.triangulation, pore).map(|force| Push::new(force, DVec3::ZERO))
+    };
     mesh.volume_rate = Some((0..pores).map(gradient).collect());
 }

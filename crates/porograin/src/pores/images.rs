@@ -154,8 +154,8 @@ impl Mesh {
                 let shift = self.triangulation.shifts[pore][k];
                 let away = std::array::from_fn(|axis| frame[axis] + shift[axis]);
                 let pressure = -gradient.dot(images.cell.shift(away));
-                loads.force[vertex as usize] += pressure * self.force[pore][k];
-                loads.torque[vertex as usize] += pressure * self.torque[pore][k];
+                loads.force[vertex as usize] += pressure * self.push[pore][k].force();
+                loads.torque[vertex as usize] += pressure * self.push[pore][k].torque();
             }
         }
         for &(face, force, beyond) in &images.wall_drag {

@@ -7,6 +7,7 @@
 //! diagonal, for they join far nodes.
 
 use super::mesh::{Carried, Mesh};
+use super::patch;
 use super::pressure::System;
 use crate::grains::{Grains, Loads};
 use crate::motion::Velocities;
@@ -70,6 +71,8 @@ pub struct Room {
     loads: Loads,
     velocities: Velocities,
     carried: Carried,
+    /// Of the patches.
+    pub patches: patch::Room,
 }
 
 impl Room {
@@ -95,7 +98,7 @@ impl Room {
         self.pressure.extend(pressure.iter().enumerate().map(|(node, &p)| if of(node) { p } else { 0.0 }));
         if self.pressure.iter().any(|&p| p != 0.0) {
             self.loads.clear(out.grain.len());
-            mesh.add_loads(&self.pressure, &mut self.loads);
+            mesh.add_loads_in(&mut self.patches, &self.pressure, &mut self.loads);
             mobility.push(&self.loads, out);
         }
     }
@@ -127,11 +130,11 @@ pub fn prepare(
     let mut extra = vec![0.0; system.rhs.len()];
     for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
         let Some(sum) = extra.get_mut(system.unknown[mesh.node[pore] as usize] as usize) else { continue };
-        for (k, &vertex) in vertices.iter().enumerate() {
+        for (&vertex, push) in vertices.iter().zip(&mesh.push[pore]) {
             if wall(vertex).is_none() {
                 let i = vertex as usize;
-                *sum += mesh.force[pore][k].length_squared() / grains.mass[i]
-                    + mesh.torque[pore][k].length_squared() / grains.inertia(i);
+                *sum += push.force().length_squared() / grains.mass[i]
+                    + push.torque().length_squared() / grains.inertia(i);
             }
         }
     }
@@ -182,12 +185,12 @@ impl Operator for Step<'_> {
     }
 
     fn apply(&mut self, x: &[f64], y: &mut [f64]) {
-        let Room { pressure, loads, velocities, carried } = &mut *self.room;
+        let Room { pressure, loads, velocities, carried, patches } = &mut *self.room;
         pressure.clear();
         pressure.extend(self.unknown.iter().map(|&u| x.get(u as usize).copied().unwrap_or(0.0)));
         let n = self.mobility.grains.len();
         loads.clear(n);
-        self.mesh.add_loads(pressure, loads);
+        self.mesh.add_loads_in(patches, pressure, loads);
         velocities.clear(n);
         self.mobility.push(loads, velocities);
         self.mesh.carried_with_cell(velocities, carried);

@@ -1,8 +1,9 @@
 //! The pores as a network: nodes joined by conductances, and the coupling of every pore with its grains and walls.
 
 use super::conductance::{Conductance, Passage};
-use super::coupling::coupling;
+use super::coupling::{Push, coupling};
 use super::images::{self, Images};
+use super::patch::{Patches, Room};
 use crate::boundary::Slip;
 use crate::grains::Loads;
 use glam::{DMat3, DVec3};
@@ -18,11 +19,11 @@ use serde::{Deserialize, Serialize};
 /// The throat between them would conduct without bound; what is neglected is a resistance 10⁻⁴ of a typical one.
 const COINCIDENT: f64 = 1e-4;
 
+/// Nodes that are worth a thread.
+const SHARE: usize = 4096;
+
 /// Throats worked out before they are added up.
 const BLOCK: usize = 1 << 12;
-
-/// Grains that one thread loads at a time.
-const PATCH: usize = 2048;
 
 /// The node is free: no face holds its pressure.
 pub const FREE: u8 = u8::MAX;
@@ -100,17 +101,17 @@ pub struct Mesh {
     pub links: Vec<[u32; 2]>,
     /// `g / L` of each link [m³/(Pa s)].
     pub conductance: Vec<f64>,
-    /// Force on each vertex of each pore per unit of its pressure [m²].
-    pub force: Vec<[DVec3; 4]>,
-    /// Torque on each vertex of each pore per unit of its pressure [m³].
-    pub torque: Vec<[DVec3; 4]>,
-    /// Volume rate of each pore per velocity of its vertices, where that is not the transpose of `force` and `torque`
-    /// but the [geometric](super::geometric) one [m²].
-    pub volume_rate: Option<Vec<[DVec3; 4]>>,
+    /// What the pressure of each pore does to each of its vertices.
+    pub push: Vec<[Push; 4]>,
+    /// Volume rate of each pore per velocity and spin of its vertices, where that is not the transpose of `push` but the
+    /// [geometric](super::geometric) one.
+    pub volume_rate: Option<Vec<[Push; 4]>>,
     /// The faces that pores have on walls; those of one wall sum to the area of the box's face.
     pub wall_faces: Vec<WallFace>,
-    /// The pores around each [`PATCH`] of grains, in rising order.
-    around: Vec<Vec<u32>>,
+    patches: Patches,
+    /// The first pore of each node, and all others.
+    first: Vec<u32>,
+    merged: Vec<u32>,
     /// Slots `4 pore + vertex` of wall vertices, in rising order.
     wall_slots: Vec<u32>,
     /// What a period adds; `None` in a box with six walls.
@@ -158,6 +159,7 @@ impl Mesh {
         let mut frame = vec![[0; 3]; pores];
         let mut node = vec![0u32; pores];
         let mut held = Vec::with_capacity(pores);
+        let (mut first, mut merged) = (Vec::with_capacity(pores), Vec::new());
         for pore in 0..pores {
             let (leader, away) = sets.leader(pore as u32);
             let leader = leader as usize;
@@ -165,8 +167,10 @@ impl Mesh {
             if leader == pore {
                 node[pore] = held.len() as u32;
                 held.push(FREE);
+                first.push(pore as u32);
             } else {
                 node[pore] = node[leader];
+                merged.push(pore as u32);
             }
         }
         for (pore, vertices) in triangulation.pores.iter().enumerate() {
@@ -176,6 +180,8 @@ impl Mesh {
                 *holder = if *holder == FREE { face as u8 } else { (*holder).max(face as u8) };
             }
         }
+        let slots = (0..).zip(triangulation.pores.iter().flatten());
+        let wall_slots = slots.filter(|(_, vertex)| **vertex >= FIRST_WALL).map(|(slot, _)| slot).collect();
         let mut unknowns = 0;
         let unknown = held
             .iter()
@@ -204,12 +210,13 @@ impl Mesh {
             unknowns,
             links: Vec::with_capacity(throats.len()),
             conductance: Vec::with_capacity(throats.len()),
-            force: vec![[DVec3::ZERO; 4]; pores],
-            torque: vec![[DVec3::ZERO; 4]; pores],
+            push: vec![[Push::default(); 4]; pores],
             volume_rate: None,
             wall_faces: Vec::new(),
-            around: Vec::new(),
-            wall_slots: Vec::new(),
+            patches: Patches::new(&triangulation.pores, packing.position.len()),
+            first,
+            merged,
+            wall_slots,
             images: (packing.cell.periodic != [false; 3]).then(|| Images {
                 cell: *packing.cell,
                 frame,
@@ -231,10 +238,9 @@ impl Mesh {
                 let [i, j] = throat.pores.map(|p| p as usize);
                 let (order, slots) = (FACET[throat.facet as usize], throat.slots(&mesh.triangulation));
                 for k in 0..3 {
-                    mesh.force[i][order[k]] += part.force[k];
-                    mesh.torque[i][order[k]] += part.torque[k];
-                    mesh.force[j][slots[k]] -= part.force[k];
-                    mesh.torque[j][slots[k]] -= part.torque[k];
+                    let push = Push::new(part.force[k], part.torque[k]);
+                    mesh.push[i][order[k]] += push;
+                    mesh.push[j][slots[k]] -= push;
                 }
                 closing[i] += part.area;
                 closing[j] -= part.area;
@@ -271,7 +277,6 @@ impl Mesh {
                 mesh.holds.push((node, mesh.centre[pore]));
             }
         }
-        mesh.index_slots(packing.position.len());
         mesh
     }
 
@@ -282,24 +287,8 @@ impl Mesh {
                 if let Some(face) = wall(vertex) {
                     let normal = NORMALS[face];
                     let area = -closing[pore].dot(normal);
-                    self.force[pore][k] += normal * area;
+                    self.push[pore][k] += Push::new(normal * area, DVec3::ZERO);
                     self.wall_faces.push(WallFace { pore: pore as u32, face: face as u8, area });
-                }
-            }
-        }
-    }
-
-    fn index_slots(&mut self, grains: usize) {
-        self.around = vec![Vec::new(); grains.div_ceil(PATCH)];
-        for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
-            for (k, &vertex) in vertices.iter().enumerate() {
-                if vertex >= FIRST_WALL {
-                    self.wall_slots.push((4 * pore + k) as u32);
-                    continue;
-                }
-                let around = &mut self.around[vertex as usize / PATCH];
-                if around.last() != Some(&(pore as u32)) {
-                    around.push(pore as u32);
                 }
             }
         }
@@ -335,79 +324,36 @@ impl Mesh {
     /// `Sᵀ (v, spin)`: the volume that moving grains and walls carry out of each node [m³/s], written to `out`
     /// (length nodes).
     pub fn carried(&self, velocity: &[DVec3], spin: &[DVec3], wall_velocity: &[DVec3; 6], out: &mut Carried) {
-        let per_pore = |pore: usize| {
-            let force = self.volume_rate.as_ref().map_or(&self.force[pore], |rates| &rates[pore]);
-            let torque = &self.torque[pore];
-            let mut rate = 0.0;
-            for (k, &vertex) in self.triangulation.pores[pore].iter().enumerate() {
-                rate += match wall(vertex) {
-                    None => force[k].dot(velocity[vertex as usize]) + torque[k].dot(spin[vertex as usize]),
-                    Some(face) => force[k].dot(wall_velocity[face]),
-                };
-            }
-            rate
-        };
+        let rates = self.volume_rate.as_ref().unwrap_or(&self.push);
         out.pore.resize(self.node.len(), 0.0);
-        out.pore
-            .par_iter_mut()
-            .with_min_len(1024)
-            .enumerate()
-            .for_each(|(pore, rate)| *rate = per_pore(pore));
-        out.node.clear();
-        out.node.resize(self.nodes(), 0.0);
-        for (pore, &node) in self.node.iter().enumerate() {
-            out.node[node as usize] += out.pore[pore];
+        self.patches.carried(rates, velocity, spin, wall_velocity, &mut out.pore);
+        let Carried { pore, node, source } = out;
+        let out_of = |&first: &u32| pore[first as usize];
+        self.first.par_iter().with_min_len(SHARE).map(out_of).collect_into_vec(node);
+        for &merged in &self.merged {
+            node[self.node[merged as usize] as usize] += pore[merged as usize];
         }
-        out.node.iter_mut().zip(&out.source).for_each(|(node, source)| *node -= source);
+        node.iter_mut().zip(source).for_each(|(node, source)| *node -= *source);
     }
 
     /// `S p`: adds the forces and torques of the pressures of the nodes [Pa], and what they do to a periodic cell, to
     /// the loads.
-    ///
-    /// Each grain sums its pores in rising order: the same bits, whether one thread loads all grains or several take
-    /// patches of them, each with the pores around it.
     pub fn add_loads(&self, pressure: &[f64], loads: &mut Loads) {
-        if rayon::current_num_threads() == 1 {
-            self.load(0..self.node.len(), 0, pressure, &mut loads.force, &mut loads.torque);
-        } else {
-            let patches = loads.force.par_chunks_mut(PATCH).zip(loads.torque.par_chunks_mut(PATCH));
-            patches.zip(&self.around).enumerate().for_each(|(patch, ((force, torque), around))| {
-                self.load(around.iter().map(|&p| p as usize), patch * PATCH, pressure, force, torque);
-            });
-        }
-        self.add_wall_loads(pressure, &mut loads.wall);
+        self.add_loads_in(&mut Room::new(), pressure, loads);
+    }
+
+    /// The same with `room` that is kept from one time to the next.
+    pub fn add_loads_in(&self, room: &mut Room, pressure: &[f64], loads: &mut Loads) {
+        self.patches.load(&self.push, &self.node, pressure, room, loads);
         loads.cell += self.stretching(pressure);
     }
 
-    /// Adds what some pores do to the grains from `first` on.
-    #[inline(always)]
-    fn load(
-        &self,
-        pores: impl Iterator<Item = usize>,
-        first: usize,
-        pressure: &[f64],
-        force: &mut [DVec3],
-        torque: &mut [DVec3],
-    ) {
-        for pore in pores {
-            let p = pressure[self.node[pore] as usize];
-            for (k, &vertex) in self.triangulation.pores[pore].iter().enumerate() {
-                // Walls and grains of other patches lie beyond the end.
-                let grain = (vertex as usize).wrapping_sub(first);
-                if let (Some(force), Some(torque)) = (force.get_mut(grain), torque.get_mut(grain)) {
-                    *force += p * self.force[pore][k];
-                    *torque += p * self.torque[pore][k];
-                }
-            }
-        }
-    }
-
-    /// The part of [`add_loads`](Self::add_loads) that acts on the walls.
+    /// What [`add_loads`](Self::add_loads) adds to the walls.
     pub fn add_wall_loads(&self, pressure: &[f64], load: &mut [DVec3; 6]) {
         for &slot in &self.wall_slots {
             let (pore, k) = (slot as usize / 4, slot as usize % 4);
             let face = (self.triangulation.pores[pore][k] - FIRST_WALL) as usize;
-            load[face] += pressure[self.node[pore] as usize] * self.force[pore][k];
+            load[face] += pressure[self.node[pore] as usize] * self.push[pore][k].force();
         }
     }
 
