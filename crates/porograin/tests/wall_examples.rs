@@ -100,6 +100,119 @@ fn a_silo_runs_out_at_the_rate_of_beverloo() {
     );
 }
 
+/// Inertial number, stress ratio and solid fraction of sheared samples, means of eight (seeds 1 to 8), and the standard deviation of
+/// the stress ratio of one.
+const LAW: [[f64; 4]; 4] = [
+    [0.31, 0.530, 0.543, 0.010],
+    [0.104, 0.425, 0.574, 0.006],
+    [0.031, 0.378, 0.584, 0.008],
+    [0.010, 0.368, 0.588, 0.018],
+];
+
+/// The stress ratio of sheared samples at an inertial number: they lie on a straight line nearly.
+fn of_law(number: f64) -> f64 {
+    let next = LAW.windows(2).find(|w| w[0][0] >= number && number >= w[1][0]).unwrap();
+    let part = (number - next[1][0]) / (next[0][0] - next[1][0]);
+    next[1][1] + part * (next[0][1] - next[1][1])
+}
+
+/// What a steady flow down the plane shows.
+struct Flow {
+    /// Height and velocity [m, m/s].
+    profile: Vec<[f64; 2]>,
+    /// [m]
+    height: f64,
+    solid: f64,
+    /// The inertial number between two depths.
+    number: f64,
+    /// What the plane carries along over across.
+    mu: f64,
+    /// What it carries across, over the weight.
+    pressed: f64,
+    /// How well Bagnold's profile fits; its factor, and the velocity at the plane.
+    straight: f64,
+    slope: f64,
+    from: f64,
+}
+
+impl Flow {
+    /// The example with changes, from a time on [s]; Bagnold's profile is fitted from so far above the plane to so far below the
+    /// surface [m].
+    fn run(set: &[&str], since: f64, away: [f64; 2]) -> Flow {
+        let tilt = 24_f64.to_radians();
+        let set: Vec<String> = set.iter().map(|&s| s.into()).collect();
+        let path = example("14-inclined-flow").join("case.toml");
+        let mut flow = Simulation::new(&Case::from_file(&path, &set).unwrap()).unwrap();
+        const BINS: usize = 40;
+        let size = 0.5e-3;
+        let mut bins = [[0.0; 3]; BINS];
+        let (mut ratio, mut height, mut looks) = ([0.0; 2], 0.0, 0.0);
+        while flow.advance().unwrap().is_some() {
+            let state = &flow.state;
+            if flow.progress.stage == 1 && state.step % 20 == 0 && state.time > since {
+                let grains = &state.grains;
+                for ((x, v), m) in grains.position.iter().zip(&grains.velocity).zip(&grains.mass) {
+                    let bin = (x.z / size) as usize;
+                    if bin < BINS {
+                        bins[bin][0] += m;
+                        bins[bin][1] += m * v.x;
+                    }
+                }
+                let mass: f64 = grains.mass.iter().sum();
+                height +=
+                    2.0 * grains.position.iter().zip(&grains.mass).map(|(x, m)| x.z * m).sum::<f64>() / mass;
+                let force = state.domain.wall_force[4];
+                ratio[0] += force.x;
+                ratio[1] -= force.z;
+                looks += 1.0;
+            }
+        }
+        let state = &flow.state;
+        let mass: f64 = state.grains.mass.iter().sum();
+        let height = height / looks;
+        let solid = state.grains.volume() / (6e-5 * height);
+        let profile: Vec<[f64; 2]> = (0..BINS)
+            .filter(|&k| bins[k][0] > 0.0 && (k as f64 + 1.0) * size < height)
+            .map(|k| [(k as f64 + 0.5) * size, bins[k][1] / bins[k][0]])
+            .collect();
+        let bagnold = |z: f64| height.powf(1.5) - (height - z).powf(1.5);
+        let bulk: Vec<[f64; 2]> = profile
+            .iter()
+            .filter(|p| p[0] > away[0] && p[0] < height - away[1])
+            .map(|p| [bagnold(p[0]), p[1]])
+            .collect();
+        let [slope, from, straight] = line(&bulk);
+        let number = 1.5 * slope * 1e-3 / (solid * GRAVITY * tilt.cos()).sqrt();
+        let (mu, pressed) = (ratio[0] / ratio[1], ratio[1] / looks / (mass * GRAVITY * tilt.cos()));
+        Flow { profile, height, solid, number, mu, pressed, straight, slope, from }
+    }
+}
+
+/// What is left of the difference to sheared samples is the scatter of thin layers and what is near the plane and near the surface.
+#[test]
+#[ignore = "long: four layers, and two twice as thick, half a minute of CPU each"]
+fn deep_inside_a_flow_has_the_stress_ratio_of_sheared_samples() {
+    let seeds = [1, 2, 3, 5].map(|seed| format!("grains.packing.cloud.seed={seed}"));
+    let thin = seeds.each_ref().map(|seed| Flow::run(&[seed], 1.0, [2e-3, 1e-3]).number);
+    let thick = [&seeds[0], &seeds[3]].map(|seed| {
+        let twice =
+            ["grains.packing.cloud.count=1040", "domain.size.2=0.027", "stage.flow.until.time=2.6", seed];
+        let flow = Flow::run(&twice, 1.9, [7e-3, 4e-3]);
+        [flow.number, flow.height, flow.solid]
+    });
+    let slope = 24_f64.to_radians().tan();
+    let mean = thin.iter().sum::<f64>() / thin.len() as f64;
+    assert!(
+        (mean - 0.152).abs() < 0.015 && thin.iter().all(|number| (number - mean).abs() < 0.04),
+        "{thin:?}"
+    );
+    assert!((of_law(mean) / slope - 1.0).abs() < 0.025, "{mean}");
+    for [number, height, solid] in thick {
+        assert!((height - 16.6e-3).abs() < 0.4e-3 && (solid - 0.551).abs() < 0.01, "{height} {solid}");
+        assert!((of_law(number) / slope - 1.0).abs() < 0.015, "{number}");
+    }
+}
+
 /// Down a rough plane every layer feels the same ratio of stresses, the tangent of the slope; the profile is that of Bagnold, and its
 /// inertial number that of a sheared sample with the same ratio.
 #[test]
@@ -135,72 +248,23 @@ fn an_inclined_flow_follows_the_friction_law_of_sheared_samples() {
             count += 1;
         }
     }
-    // Means of eight samples (seeds 1 to 8) and, of the stress ratio, the standard deviation of one.
-    let expected = [
-        [0.31, 0.530, 0.543, 0.010],
-        [0.104, 0.425, 0.574, 0.006],
-        [0.031, 0.378, 0.584, 0.008],
-        [0.010, 0.368, 0.588, 0.018],
-    ];
-    assert_eq!(law.len(), expected.len());
-    for (found, row) in law.iter().zip(&expected) {
+    assert_eq!(law.len(), LAW.len());
+    for (found, row) in law.iter().zip(&LAW) {
         assert!((found[0] / row[0] - 1.0).abs() < 0.1, "inertial number {found:?}");
         assert!((found[1] - row[1]).abs() < 2.5 * row[3], "stress ratio {found:?}");
         assert!((found[2] - row[2]).abs() < 0.008, "solid fraction {found:?}");
     }
 
-    let mut flow = start(example("14-inclined-flow").join("case.toml"));
-    const BINS: usize = 20;
-    let size = 0.5e-3;
-    let mut bins = [[0.0; 3]; BINS];
-    let (mut ratio, mut height, mut looks) = ([0.0; 2], 0.0, 0.0);
-    while flow.advance().unwrap().is_some() {
-        let state = &flow.state;
-        if flow.progress.stage == 1 && state.step % 20 == 0 && state.time > 1.0 {
-            let grains = &state.grains;
-            for ((x, v), m) in grains.position.iter().zip(&grains.velocity).zip(&grains.mass) {
-                let bin = (x.z / size) as usize;
-                if bin < BINS {
-                    bins[bin][0] += m;
-                    bins[bin][1] += m * v.x;
-                }
-            }
-            let mass: f64 = grains.mass.iter().sum();
-            height +=
-                2.0 * grains.position.iter().zip(&grains.mass).map(|(x, m)| x.z * m).sum::<f64>() / mass;
-            let force = state.domain.wall_force[4];
-            ratio[0] += force.x;
-            ratio[1] -= force.z;
-            looks += 1.0;
-        }
-    }
-    let state = &flow.state;
-    let mass: f64 = state.grains.mass.iter().sum();
-    let height = height / looks;
-    let solid = state.grains.volume() / (6e-5 * height);
-    let profile: Vec<[f64; 2]> = (0..BINS)
-        .filter(|&k| bins[k][0] > 0.0 && (k as f64 + 1.0) * size < height)
-        .map(|k| [(k as f64 + 0.5) * size, bins[k][1] / bins[k][0]])
-        .collect();
-    let bagnold = |z: f64| height.powf(1.5) - (height - z).powf(1.5);
-    let bulk: Vec<[f64; 2]> = profile
-        .iter()
-        .filter(|p| p[0] > 2e-3 && p[0] < height - 1e-3)
-        .map(|p| [bagnold(p[0]), p[1]])
-        .collect();
-    let [slope, from, straight] = line(&bulk);
-    let number = 1.5 * slope * 1e-3 / (solid * GRAVITY * tilt.cos()).sqrt();
-    let (mu, pressed) = (ratio[0] / ratio[1], ratio[1] / looks / (mass * GRAVITY * tilt.cos()));
+    let flow = Flow::run(&[], 1.0, [2e-3, 1e-3]);
+    let Flow { profile, height, solid, number, mu, pressed, straight, slope, from } = flow;
     assert!((pressed - 1.0).abs() < 0.01, "the plane carries {pressed} of the weight");
     assert!((mu / tilt.tan() - 1.0).abs() < 0.02, "stress ratio {mu}");
     assert!(straight > 0.99, "profile of Bagnold {straight}");
     assert!((height - 8.3e-3).abs() < 0.2e-3 && (solid - 0.547).abs() < 0.015, "{height} {solid}");
     assert!((number - 0.17).abs() < 0.02, "inertial number {number}");
-    // The law between the rates next to it, straight over the logarithm.
-    let next = law.windows(2).find(|w| w[0][0] >= number && number >= w[1][0]).unwrap();
-    let part = (number / next[1][0]).ln() / (next[0][0] / next[1][0]).ln();
-    let of_law = next[1][1] + part * (next[0][1] - next[1][1]);
-    assert!((of_law / tilt.tan() - 1.0).abs() < 0.1, "the law has {of_law} at {number}");
+    let of_law = of_law(number);
+    assert!((of_law / tilt.tan() - 1.0).abs() < 0.05, "the law has {of_law} at {number}");
+    let bagnold = |z: f64| height.powf(1.5) - (height - z).powf(1.5);
 
     let curve = (0..=50)
         .map(|k| f64::from(k) / 50.0 * height)
