@@ -1,25 +1,16 @@
 //! Compressible water in the pores: closed forms, mass to round-off, energy, the same bits.
 
+mod random;
+
 use glam::DVec3;
 use porograin::boundary::{Face, Signal, Solid, Water};
 use porograin::consolidation;
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::pores::{Pores, Remesh, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, permeability, step};
+use random::Random;
 
 const BULK: f64 = 1e6;
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
 
 /// A lattice of grains of 1 cm pitch, shaken; `radius` in pitches.
 fn lattice(count: [usize; 3], radius: f64, shake: f64, density: f64) -> State {

@@ -1,5 +1,7 @@
 //! Velocities and pressures of the water at any place: what is exact about them.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use porograin::boundary::Slip;
 use porograin::measure::{PoreFlow, Sensor, Site, Walk};
@@ -10,18 +12,7 @@ use porograin::pores::mesh::{Mesh, Walls};
 use porograin::pores::{Conductance, Coupling, Solver};
 use porograin_geometry::throat::Packing;
 use porograin_geometry::{Cell, Period};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
+use random::Random;
 
 struct Sample {
     cell: Cell,

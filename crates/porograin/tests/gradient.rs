@@ -1,5 +1,7 @@
 //! Water that a macroscopic gradient drives through a periodic cell of grains that may move.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use porograin::case::Case;
 use porograin::contact::{Contacts, Law, Linear};
@@ -11,18 +13,7 @@ use porograin::{
     step,
 };
 use porograin_geometry::{Cell, Period};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
+use random::Random;
 
 const VISCOSITY: f64 = 2.0;
 const GRADIENT: DVec3 = DVec3::new(30.0, -10.0, 20.0);

@@ -1,6 +1,8 @@
 //! The implicit step: what it solves, that it is stable far beyond the limit of explicit ones, and that both tell the
 //! same story.
 
+mod random;
+
 use glam::DVec3;
 use porograin::boundary::{Face, Signal, Solid, Water};
 use porograin::budget::{Audit, Budget, Unbalanced};
@@ -9,18 +11,7 @@ use porograin::pores::Pull;
 use porograin::pores::mesh::Carried;
 use porograin::pores::{Conductance, Coupling, Pores, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, measure, packing, step};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
+use random::Random;
 
 /// A dense cloud pressed at 5 kPa from all sides until it rests, then given water and a load on the top.
 fn pressed(count: usize) -> (State, Model) {

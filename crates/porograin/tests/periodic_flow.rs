@@ -1,5 +1,7 @@
 //! Water in periodic cells: the permeability tensor and its invariances, the coupling of grains and cell with the water.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use porograin::Loads;
 use porograin::boundary::Slip;
@@ -11,18 +13,7 @@ use porograin::pores::{Conductance, Coupling, Solver, System, geometric};
 use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
 use porograin_geometry::triangulation::{FACET, wall};
 use porograin_geometry::{Cell, Period};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
+use random::Random;
 
 struct Sample {
     name: &'static str,

@@ -1,6 +1,8 @@
 //! Grains and water in periodic cells that deform: what a step solves, that the water gives no energy, that images and
 //! scratch do not matter.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use porograin::case::Case;
 use porograin::cell::Components;
@@ -12,19 +14,8 @@ use porograin::{
     CellRule, Domain, Face, Flow, FluidModel, Grains, Model, Signal, State, TimeStep, Work, measure, step,
 };
 use porograin_geometry::{Cell, Period};
+use random::Random;
 use std::path::Path;
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
 
 fn sheared() -> Cell {
     let edges =

@@ -1,5 +1,7 @@
 //! What must be exact about the water: translation, rotation, expansion, reciprocity, balances, scaling.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use porograin::Loads;
 use porograin::boundary::Slip;
@@ -11,18 +13,7 @@ use porograin::pores::{Conductance, Coupling, Solver, System};
 use porograin_geometry::Cell;
 use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
 use porograin_geometry::triangulation::{FACET, wall};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
+use random::Random;
 
 /// Non-overlapping spheres by random sequential addition, large ones first, radii between `big/ratio` and `big`.
 fn cloud(cell: &Cell, n: usize, big: f64, ratio: f64, seed: u64) -> (Vec<DVec3>, Vec<f64>) {

@@ -1,5 +1,7 @@
 //! Viscous shear between neighbouring grains: balances, invariances, dissipation, and the step it allows.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use porograin::boundary::{Face, Slip};
 use porograin::contact::{Contacts, Law, Linear};
@@ -9,18 +11,7 @@ use porograin::pores::{Pores, Stepping};
 use porograin::{Domain, Flow, FluidModel, Grains, Loads, Model, State, TimeStep, Work, measure, step};
 use porograin_geometry::throat::{Packing, radical_centres};
 use porograin_geometry::{Cell, Triangulation};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5)
-    }
-}
+use random::Random;
 
 /// Grains of many sizes thrown into a box, at rest.
 fn suspension(count: usize) -> (Grains, Domain) {
