@@ -10,7 +10,8 @@ use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
 use rayon::prelude::*;
 
-/// Inertial number at which a piston may deform the sample, unless its speed is given.
+/// Inertial number at which a piston may deform the sample, unless its speed is given (`0.01 (H/d) sqrt(stress/density)`, H the
+/// height of the sample and d the mean diameter).
 const PISTON_INERTIAL_NUMBER: f64 = 0.01;
 /// Mass of a piston in terms of the mass of all grains, unless it is given.
 const PISTON_MASS_SHARE: f64 = 0.1;
@@ -225,14 +226,17 @@ pub fn wall_motion(
             let outward = NORMALS[face];
             let (area, asked) = (domain.area(face), stress.at(time));
             let known = felt.dot(outward);
+            let all = Totals::of(grains);
             let limit = speed.unwrap_or_else(|| {
                 let along = domain.cell.upper() - domain.cell.origin;
-                piston_speed(grains, along[face / 2], asked.abs().max(known.abs() / area))
+                let stress = asked.abs().max(known.abs() / area);
+                PISTON_INERTIAL_NUMBER * along[face / 2] * all.inertial_rate(stress)
             });
             let before = domain.wall_velocity[face].dot(outward);
             let sign = f64::from(before > 0.0) - f64::from(before < 0.0);
             let drag = model.damping * (known - asked * area).abs() * sign;
-            let mobility = kick(state, dt) / (piston_mass(*mass, grains) + domain.glue.mass(face, grains));
+            let mass = mass.unwrap_or(PISTON_MASS_SHARE * all.mass) + domain.glue.mass(face, grains);
+            let mobility = kick(state, dt) / mass;
             let after = before + mobility * (load.dot(outward) - asked * area - drag);
             WallMotion { velocity: after * outward, mobility, limit }
         }
@@ -251,7 +255,7 @@ fn move_walls(domain: &mut Domain, dt: f64) {
 
 /// Mass of a piston [kg]: as given, or a tenth of the mass of the grains.
 pub fn piston_mass(given: Option<f64>, grains: &Grains) -> f64 {
-    given.unwrap_or_else(|| PISTON_MASS_SHARE * sum(&grains.mass, |m| m))
+    given.unwrap_or_else(|| PISTON_MASS_SHARE * Totals::of(grains).mass)
 }
 
 /// Mass of each wall that is a piston [kg], in face order.
@@ -262,26 +266,46 @@ pub fn pistons(model: &Model, grains: &Grains) -> [Option<f64>; 6] {
     })
 }
 
-/// The speed at which a sample of this height [m] deforms at the inertial number 0.01 under a stress [Pa]:
-/// `0.01 (H/d) sqrt(stress/density)`, d the mean diameter [m/s].
-fn piston_speed(grains: &Grains, height: f64, stress: f64) -> f64 {
-    PISTON_INERTIAL_NUMBER * height * inertial_rate(grains, stress)
-}
-
 /// The rate of deformation whose inertial number is 1 under a stress [Pa]: `sqrt(stress/density)/d`, d the mean
 /// diameter [1/s].
 pub fn inertial_rate(grains: &Grains, stress: f64) -> f64 {
-    let diameter = 2.0 * sum(&grains.radius, |r| r) / grains.len().max(1) as f64;
-    let density = sum(&grains.mass, |m| m) / sum(&grains.radius, |r| grains.shape.volume(r));
-    (stress / density).sqrt() / diameter
+    Totals::of(grains).inertial_rate(stress)
 }
 
-/// Sum in eight interleaved parts: the order is fixed and the additions overlap.
-fn sum(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
-    let (eights, rest) = values.as_chunks::<8>();
-    let mut parts = [0.0; 8];
-    for eight in eights {
-        parts.iter_mut().zip(eight).for_each(|(part, &value)| *part += of(value));
+/// Sums over all grains.
+struct Totals {
+    count: usize,
+    /// [m]
+    radius: f64,
+    /// [kg]
+    mass: f64,
+    /// [m³]
+    volume: f64,
+}
+
+impl Totals {
+    fn of(grains: &Grains) -> Totals {
+        let ((radii, few_radii), (masses, few_masses)) =
+            (grains.radius.as_chunks::<8>(), grains.mass.as_chunks::<8>());
+        let volume_of = |r| grains.shape.volume(r);
+        // In eight interleaved parts: the order is fixed and the additions overlap.
+        let (mut radius, mut mass, mut volume) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        for (r, m) in radii.iter().zip(masses) {
+            for k in 0..8 {
+                radius[k] += r[k];
+                mass[k] += m[k];
+                volume[k] += volume_of(r[k]);
+            }
+        }
+        let sum = |parts: [f64; 8], few: f64| parts.iter().sum::<f64>() + few;
+        let radius = sum(radius, few_radii.iter().sum());
+        let mass = sum(mass, few_masses.iter().sum());
+        let volume = sum(volume, few_radii.iter().copied().map(volume_of).sum());
+        Totals { count: grains.len(), radius, mass, volume }
     }
-    parts.iter().sum::<f64>() + rest.iter().map(|&value| of(value)).sum::<f64>()
+
+    fn inertial_rate(&self, stress: f64) -> f64 {
+        let diameter = 2.0 * self.radius / self.count.max(1) as f64;
+        (stress / (self.mass / self.volume)).sqrt() / diameter
+    }
 }

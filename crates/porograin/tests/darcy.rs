@@ -282,7 +282,7 @@ fn decay(cells: usize, steps: usize) -> f64 {
         interval: end / steps as f64,
         bulk_modulus: Some(modulus),
         open: [false, false, false, false, true, false],
-        pistons: [None; 6],
+        pistons: [0.0; 6],
         residual: 1e-13,
     };
     let wave = PI / (2.0 * length);

@@ -5,8 +5,8 @@
 //! forces around a corner sum to zero. It is taken at the end of the kick, `beta -> beta/(1 + kick beta/((1 - n) rho))`,
 //! and so sets no limit to the time step.
 
-use super::corners::{Field, Four};
 use super::grid::Grid;
+use super::passes::{Field, Four};
 
 /// Resistance r around each corner [kg/(m³ s)], and over the volume of the grains there.
 pub struct Resistance(Vec<[f64; 2]>);
@@ -21,12 +21,15 @@ impl Resistance {
         Resistance(grid.resistance.iter().zip(&grid.corners.solid).map(of).collect())
     }
 
-    /// Starts a field with the drag. `carried` are the sums of volume times velocity of the grains around each corner.
-    pub fn around(&self, carried: &[Four], field: &mut Vec<Field>) {
+    /// The field of the drag and this pull of the pressures. `carried` are the sums of volume times velocity of the grains around
+    /// each corner.
+    pub fn around(&self, pull: &[Vec<f64>; 3], carried: &[Four], field: &mut Vec<Field>) {
         field.clear();
-        field.extend(self.0.iter().zip(carried).map(|([r, per_volume], [x, y, z, _])| Field {
-            pull: [0.0, 0.0, 0.0, *r],
-            drag: [per_volume * x, per_volume * y, per_volume * z, 0.0],
+        let [x, y, z] = pull;
+        let pull = x.iter().zip(y).zip(z);
+        field.extend(self.0.iter().zip(carried).zip(pull).map(|(([r, per_volume], v), ((x, y), z))| Field {
+            pull: [*x, *y, *z, *r],
+            drag: [per_volume * v[0], per_volume * v[1], per_volume * v[2], 0.0],
         }));
     }
 }

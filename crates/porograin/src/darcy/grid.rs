@@ -80,6 +80,8 @@ pub struct Grid {
     pub mobility: Vec<DVec3>,
     /// The two nodes of each link, in the direction of its axis. Nodes are cells, then walls faces in the order of links.
     pub ends: Vec<[u32; 2]>,
+    /// The links along each axis, run by run.
+    pub runs: [Vec<Run>; 3],
     /// Where the links along x, y, z begin, and the end.
     pub axis_start: [usize; 4],
     /// Area of the face of each link [m²].
@@ -98,6 +100,29 @@ pub struct Grid {
     pub resistance: Vec<f64>,
     /// What was found.
     pub census: Census,
+}
+
+/// Links one after the other whose ends and corners are so as well.
+#[derive(Clone, Copy, Debug)]
+pub struct Run {
+    /// The first link.
+    pub link: usize,
+    /// The lowest corner of the first link; [`Grid::across`] leads from there to all four.
+    pub corner: usize,
+    /// The two nodes of the first link.
+    pub ends: [usize; 2],
+    /// How many links.
+    pub len: usize,
+}
+
+impl Run {
+    /// Joins the next link, if it is one of these.
+    fn take(&mut self, next: Run) -> bool {
+        let place = |run: &Run| [run.link, run.corner, run.ends[0], run.ends[1]];
+        let fits = place(self).map(|at| at + self.len) == place(&next);
+        self.len += usize::from(fits);
+        fits
+    }
 }
 
 /// What a grid is made of besides grains.
@@ -133,6 +158,7 @@ impl Grid {
                 .fold(f64::INFINITY, f64::min),
             mobility: Vec::with_capacity(cells),
             ends: Vec::new(),
+            runs: Default::default(),
             axis_start: [0; 4],
             area: Vec::new(),
             conductance: Vec::new(),
@@ -230,6 +256,16 @@ impl Grid {
                         }
                         let place = std::array::from_fn(|k| at[k].min(self.count[k] - 1));
                         self.area.push(self.volume(self.cell(place)) / self.size(self.cell(place))[axis]);
+                        let stride = self.corners.stride;
+                        let next = Run {
+                            link: self.ends.len(),
+                            corner: (0..3).map(|k| at[k] * stride[k]).sum(),
+                            ends: sides.map(|end| end as usize),
+                            len: 1,
+                        };
+                        if !self.runs[axis].last_mut().is_some_and(|run| run.take(next)) {
+                            self.runs[axis].push(next);
+                        }
                         self.ends.push(sides);
                     }
                 }
@@ -241,19 +277,8 @@ impl Grid {
     /// Calls `each(link, corner)` for the links along an axis, with the lowest of the corners of each; from there
     /// [`Grid::across`] leads to all four.
     pub fn each_link(&self, axis: usize, mut each: impl FnMut(usize, usize)) {
-        let (mut link, stride) = (self.axis_start[axis], self.corners.stride);
-        if self.links(axis).is_empty() {
-            return;
-        }
-        let mut dims = self.count;
-        dims[axis] += 1;
-        for z in 0..dims[2] {
-            for y in 0..dims[1] {
-                for x in 0..dims[0] {
-                    each(link, x * stride[0] + y * stride[1] + z * stride[2]);
-                    link += 1;
-                }
-            }
+        for run in &self.runs[axis] {
+            (0..run.len).for_each(|k| each(run.link + k, run.corner + k));
         }
     }
 

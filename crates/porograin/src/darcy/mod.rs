@@ -3,16 +3,20 @@
 pub mod corners;
 pub mod drag;
 pub mod grid;
+pub mod passes;
 pub mod permeability;
 pub mod pressure;
+mod stencil;
 pub mod transfer;
+#[cfg(target_arch = "x86_64")]
+mod wide;
 
 pub use grid::{Census, Grid};
 pub use permeability::{Drag, Permeability};
 pub use pressure::{Flows, System, Terms};
 pub use transfer::Transfer;
 
-use corners::{Field, Four, Moving, Pull};
+use passes::{Field, Four, Moving, Pull};
 
 use crate::boundary::{Domain, Face, Water};
 use crate::grains::{Grains, Loads, Shape};
@@ -489,7 +493,7 @@ pub fn permeability_along(settings: &Darcy, around: &Around, axis: usize) -> Res
         interval: 1.0,
         bulk_modulus: None,
         open: std::array::from_fn(|face| face / 2 == axis),
-        pistons: [None; 6],
+        pistons: [0.0; 6],
         residual: settings.residual,
     };
     let drop = 1.0;

@@ -9,9 +9,10 @@
 //!
 //! The node of a wall has one link only and is eliminated.
 
-use super::corners::{Field, Four, Moving, Pull};
 use super::drag::Resistance;
-use super::grid::Grid;
+use super::grid::{Grid, Run};
+use super::passes::{Field, Four, Moving, Pull};
+use super::stencil::Stencil;
 use glam::DVec3;
 use porograin_geometry::cell::NORMALS;
 use porograin_linear::{Error, FIXED, Info, Matrix, Params, Solver};
@@ -27,8 +28,8 @@ pub struct Terms {
     pub bulk_modulus: Option<f64>,
     /// Whether the pressure is imposed at each face.
     pub open: [bool; 6],
-    /// Mass of each wall that is a piston [kg].
-    pub pistons: [Option<f64>; 6],
+    /// What a force adds to the velocity of each wall by the end of the kick [m/s per N]; 0 unless a piston.
+    pub pistons: [f64; 6],
     /// Residual of the solve, relative to all flows of grains and water between cells.
     pub residual: f64,
 }
@@ -59,6 +60,7 @@ pub struct System {
     /// What it was made for.
     pub terms: Terms,
     matrix: Matrix,
+    stencil: Stencil,
     solver: Solver,
     rows: Rows,
     /// Cells along each axis.
@@ -67,7 +69,10 @@ pub struct System {
     /// Nothing holds the level of the pressure: the first cell does not change in the solve, then the mean stays.
     level_is_free: bool,
     rhs: Vec<f64>,
+    /// Through each link before pressures change.
     flux: Vec<f64>,
+    /// Pull of the pressures around each corner.
+    pull: [Vec<f64>; 3],
 }
 
 /// What the rows of the system are made of [m³/(Pa s)].
@@ -76,10 +81,27 @@ struct Rows {
     storage: Vec<f64>,
     /// `g + k B` of each link.
     stiffened: Vec<f64>,
-    /// What a piston gives at each wall node.
-    give: Vec<f64>,
+    /// The wall nodes.
+    walls: Vec<Wall>,
     /// What each row sums to: storage and what holds the level of the pressure.
     excess: Vec<f64>,
+}
+
+/// A wall node and its link.
+struct Wall {
+    link: u32,
+    /// The cell at the inner end of the link.
+    cell: u32,
+    face: u8,
+    open: bool,
+    /// [m²]
+    area: f64,
+    /// `g + k B` of the link.
+    g: f64,
+    /// What a piston gives here.
+    give: f64,
+    /// Part of a flow into the node that goes on to its cell: `g/(g + give)`.
+    passed: f64,
 }
 
 impl Rows {
@@ -94,24 +116,22 @@ impl Rows {
         if terms.kick > 0.0 {
             add_inertia(grid, terms.kick, &mut stiffened);
         }
+        let nodes = || grid.wall_face.iter().zip(&grid.wall_link);
         let mut swept = [0.0; 6];
-        for (w, &face) in grid.wall_face.iter().enumerate() {
-            swept[face as usize] += grid.area[grid.wall_link[w] as usize];
-        }
-        let give: Vec<f64> = (grid.wall_face.iter().zip(&grid.wall_link))
-            .map(|(&face, &link)| {
-                let face = face as usize;
-                let piston = terms.pistons[face].filter(|_| !terms.open[face]);
-                piston.map_or(0.0, |mass| terms.kick * grid.area[link as usize] * swept[face] / mass)
-            })
-            .collect();
+        nodes().for_each(|(&face, &link)| swept[face as usize] += grid.area[link as usize]);
+        let wall = |(&face, &link): (&u8, &u32)| {
+            let (k, area, g) = (face as usize, grid.area[link as usize], stiffened[link as usize]);
+            let open = terms.open[k];
+            let give = if open { 0.0 } else { terms.pistons[k] * area * swept[k] };
+            let [low, high] = grid.ends[link as usize];
+            Wall { link, cell: low.min(high), face, open, area, g, give, passed: g / (g + give) }
+        };
+        let walls: Vec<Wall> = nodes().map(wall).collect();
         let mut excess = storage.clone();
-        for (w, &link) in grid.wall_link.iter().enumerate() {
-            let g = stiffened[link as usize];
-            let held = if terms.open[grid.wall_face[w] as usize] { g } else { g * give[w] / (g + give[w]) };
-            excess[inner(grid, link as usize)] += held;
+        for wall in &walls {
+            excess[wall.cell as usize] += if wall.open { wall.g } else { wall.passed * wall.give };
         }
-        Rows { storage, stiffened, give, excess }
+        Rows { storage, stiffened, walls, excess }
     }
 
     /// Of the links between cells.
@@ -148,6 +168,7 @@ impl System {
         Ok(System {
             terms,
             matrix,
+            stencil: Stencil::new(grid, &rows.stiffened, &rows.excess, first),
             solver,
             rows,
             resistance: Resistance::new(grid, terms.kick),
@@ -155,6 +176,7 @@ impl System {
             level_is_free,
             rhs: vec![0.0; cells],
             flux: vec![0.0; grid.ends.len()],
+            pull: Default::default(),
         })
     }
 
@@ -172,7 +194,9 @@ impl System {
             *self = System::new(grid, terms)?;
             return Ok(());
         }
-        self.matrix.refresh(&rows.inside(grid), &rows.excess[usize::from(self.level_is_free)..])?;
+        let first = usize::from(self.level_is_free);
+        self.matrix.refresh(&rows.inside(grid), &rows.excess[first..])?;
+        self.stencil = Stencil::new(grid, &rows.stiffened, &rows.excess, first);
         self.solver.refresh(&self.matrix)?;
         self.resistance = Resistance::new(grid, terms.kick);
         (self.rows, self.terms) = (rows, terms);
@@ -192,39 +216,24 @@ impl System {
         change: &mut [f64],
     ) -> Result<(Info, Flows), Error> {
         let cells = grid.census.cells;
-        let mut size = 0.0;
-        for axis in 0..3 {
-            let [_, a, b, c] = grid.across(axis);
-            grid.each_link(axis, |link, corner| {
-                // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
-                let of = |step: usize| outside.carried[corner + step][axis];
-                let carried = grid.hold[link] * ((of(0) + of(a)) + (of(b) + of(c)));
-                let [low, high] = grid.ends[link].map(|end| end as usize);
-                let flow = grid.conductance[link] * (pressure[low] - pressure[high]);
-                size += carried * carried + flow * flow;
-                self.flux[link] = carried + flow;
-            });
-        }
+        let size = self.flow(grid, outside.carried, pressure);
         self.rhs.fill(0.0);
         grid.gather(&self.flux, &mut self.rhs);
         let inwards = std::array::from_fn(|face| -outside.wall_velocity[face].dot(NORMALS[face]));
         // What a wall node cannot keep goes to its cell; what a held one changes by drags its cell along.
-        for (w, &link) in grid.wall_link.iter().enumerate() {
-            let (link, face) = (link as usize, grid.wall_face[w] as usize);
-            let (g, give) = (self.rows.stiffened[link], self.rows.give[w]);
-            let cell = inner(grid, link);
-            if self.terms.open[face] {
-                self.rhs[cell] += g * (outside.imposed[w] - pressure[cells + w]);
+        for (w, wall) in self.rows.walls.iter().enumerate() {
+            self.rhs[wall.cell as usize] += if wall.open {
+                wall.g * (outside.imposed[w] - pressure[cells + w])
             } else {
-                self.rhs[cell] += g / (g + give) * self.wall_excess(grid, outside, &inwards, w);
-            }
+                wall.passed * wall.excess(outside.imposed[w], &inwards, &self.flux)
+            };
         }
         let first = usize::from(self.level_is_free);
         let start = if first > 0 { change[0] } else { 0.0 };
         change.iter_mut().for_each(|change| *change -= start);
         self.solver.params_mut().floor = f64::sqrt(size);
         let info = if cells > first {
-            self.solver.solve(&self.matrix, &self.rhs[first..], &mut change[first..])?
+            self.solver.solve_operator(&mut self.stencil, &self.rhs[first..], &mut change[first..])?
         } else {
             Info { method: porograin_linear::Method::Cholesky, iterations: 0, residual: 0.0 }
         };
@@ -238,56 +247,62 @@ impl System {
             (self.rhs.iter().sum::<f64>() - taken) / self.rows.excess.iter().sum::<f64>()
         };
         change.iter_mut().for_each(|change| *change += shift);
-        Ok((info, self.finish(grid, outside, &inwards, pressure, change)))
+        Ok((info, self.finish(outside, &inwards, pressure, change)))
+    }
+
+    /// The flow through each link under the pressures so far, and the square of the size of all.
+    fn flow(&mut self, grid: &Grid, carried: &[Four], pressure: &[f64]) -> f64 {
+        let mut size = 0.0;
+        for (axis, runs) in grid.runs.iter().enumerate() {
+            let across = grid.across(axis);
+            for &Run { link, corner, ends, len } in runs {
+                let around = across.map(|step| &carried[corner + step..][..len]);
+                let [low, high] = ends.map(|end| &pressure[end..][..len]);
+                let (hold, conductance) = (&grid.hold[link..][..len], &grid.conductance[link..][..len]);
+                for (k, flux) in self.flux[link..][..len].iter_mut().enumerate() {
+                    // `Sᵀ v`: the volume of solid and water together that moving grains carry along.
+                    let [a, b, c, d] = around.map(|around| around[k][axis]);
+                    let carried = hold[k] * ((a + b) + (c + d));
+                    let flow = conductance[k] * (low[k] - high[k]);
+                    size += carried * carried + flow * flow;
+                    *flux = carried + flow;
+                }
+            }
+        }
+        size
     }
 
     /// The pull of the pressures and the drag around each corner.
-    pub fn field(&self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
-        self.resistance.around(outside.carried, field);
-        pull(grid, pressure, field);
-    }
-
-    /// Net flux into wall node `w` from outside and from its link, before pressures change [m³/s]. `inwards` is the velocity of
-    /// each wall.
-    fn wall_excess(&self, grid: &Grid, outside: &Outside, inwards: &[f64; 6], w: usize) -> f64 {
-        let (link, face) = (grid.wall_link[w] as usize, grid.wall_face[w] as usize);
-        let from_link = if face.is_multiple_of(2) { -self.flux[link] } else { self.flux[link] };
-        grid.area[link] * (outside.imposed[w] + inwards[face]) + from_link
+    pub fn field(&mut self, grid: &Grid, outside: &Outside, pressure: &[f64], field: &mut Vec<Field>) {
+        pull(grid, pressure, &mut self.pull);
+        self.resistance.around(&self.pull, outside.carried, field);
     }
 
     /// Changes the pressures and sums up the flows.
-    fn finish(
-        &mut self,
-        grid: &Grid,
-        outside: &Outside,
-        inwards: &[f64; 6],
-        pressure: &mut [f64],
-        change: &[f64],
-    ) -> Flows {
-        let cells = grid.census.cells;
+    fn finish(&self, outside: &Outside, inwards: &[f64; 6], pressure: &mut [f64], change: &[f64]) -> Flows {
+        let cells = change.len();
         let mut flows = Flows::default();
         for (cell, (&change, &storage)) in change.iter().zip(&self.rows.storage).enumerate() {
             pressure[cell] += change;
             flows.stored += storage * change;
         }
-        for (w, &link) in grid.wall_link.iter().enumerate() {
-            let (link, face) = (link as usize, grid.wall_face[w] as usize);
-            let (g, give) = (self.rows.stiffened[link], self.rows.give[w]);
+        for (w, wall) in self.rows.walls.iter().enumerate() {
+            let (face, imposed) = (wall.face as usize, outside.imposed[w]);
             let outwards = -inwards[face];
-            let of_cell = change[inner(grid, link)];
-            let area = grid.area[link];
-            if self.terms.open[face] {
-                let change = outside.imposed[w] - pressure[cells + w];
-                let along = if face.is_multiple_of(2) { -self.flux[link] } else { self.flux[link] };
-                flows.outflow[face] += along + g * (of_cell - change) - area * outwards;
-                flows.swept += area * outwards;
-                pressure[cells + w] = outside.imposed[w];
+            let by_cell = wall.g * change[wall.cell as usize];
+            let pressure = &mut pressure[cells + w];
+            if wall.open {
+                let along = wall.along(&self.flux);
+                flows.outflow[face] +=
+                    along + by_cell - wall.g * (imposed - *pressure) - wall.area * outwards;
+                flows.swept += wall.area * outwards;
+                *pressure = imposed;
             } else {
-                let change = (self.wall_excess(grid, outside, inwards, w) + g * of_cell) / (g + give);
-                pressure[cells + w] += change;
-                flows.outflow[face] -= area * outside.imposed[w];
+                let change = (wall.excess(imposed, inwards, &self.flux) + by_cell) / (wall.g + wall.give);
+                *pressure += change;
+                flows.outflow[face] -= wall.area * imposed;
                 // A piston gives way to the change of pressure.
-                flows.swept += area * outwards + give * change;
+                flows.swept += wall.area * outwards + wall.give * change;
             }
         }
         flows
@@ -303,30 +318,44 @@ impl std::fmt::Debug for System {
 /// A grid near rest serves this many steps at least.
 const EXPECTED_SOLVES: usize = 1000;
 
-/// The cell at the inner end of a wall's link.
-fn inner(grid: &Grid, link: usize) -> usize {
-    let [low, high] = grid.ends[link];
-    low.min(high) as usize
+impl Wall {
+    /// What flows along the link towards the node.
+    fn along(&self, flux: &[f64]) -> f64 {
+        let flux = flux[self.link as usize];
+        if self.face.is_multiple_of(2) { -flux } else { flux }
+    }
+
+    /// Net flux into the node from outside and from its link, before pressures change [m³/s]. `inwards` is the velocity of each
+    /// wall.
+    fn excess(&self, imposed: f64, inwards: &[f64; 6], flux: &[f64]) -> f64 {
+        self.area * (imposed + inwards[self.face as usize]) + self.along(flux)
+    }
 }
 
-/// Adds the force of the pressures [Pa] per volume of the grains around each corner.
-fn pull(grid: &Grid, pressure: &[f64], field: &mut [Field]) {
-    for axis in 0..3 {
+/// Force of the pressures [Pa] per volume of the grains around each corner, component by component.
+fn pull(grid: &Grid, pressure: &[f64], pull: &mut [Vec<f64>; 3]) {
+    for (axis, sums) in pull.iter_mut().enumerate() {
+        sums.clear();
+        sums.resize(grid.corners.len(), 0.0);
         let across = grid.across(axis);
-        grid.each_link(axis, |link, corner| {
-            let [low, high] = grid.ends[link];
-            let pull = grid.hold[link] * (pressure[low as usize] - pressure[high as usize]);
+        for &Run { link, corner, ends, len } in &grid.runs[axis] {
+            let [low, high] = ends.map(|end| &pressure[end..][..len]);
+            let hold = &grid.hold[link..][..len];
             for step in across {
-                field[corner + step].pull[axis] += pull;
+                for (k, sum) in sums[corner + step..][..len].iter_mut().enumerate() {
+                    *sum += hold[k] * (low[k] - high[k]);
+                }
             }
-        });
+        }
     }
 }
 
 /// `S p`: the force of the pressures [Pa] on each grain [N], and the same as it serves to foresee.
 pub fn force(grid: &Grid, pressure: &[f64]) -> (Vec<DVec3>, Vec<Pull>) {
-    let mut field = vec![Field::default(); grid.corners.len()];
-    pull(grid, pressure, &mut field);
+    let mut sums = Default::default();
+    pull(grid, pressure, &mut sums);
+    let of = |k: usize| Field { pull: [sums[0][k], sums[1][k], sums[2][k], 0.0], ..Field::default() };
+    let field: Vec<Field> = (0..grid.corners.len()).map(of).collect();
     let grains = grid.corners.grains();
     let (mut pulled, mut force) = (vec![Pull::default(); grains], vec![DVec3::ZERO; grains]);
     let moving = Moving { velocity: &vec![DVec3::ZERO; grains], mass: &vec![1.0; grains], kick: 0.0 };

@@ -5,7 +5,7 @@ use crate::boundary::Water;
 use crate::darcy::{self, Around, Darcy, Scratch, Terms};
 use crate::grains::Loads;
 use crate::model::{Flow, FluidModel, Model};
-use crate::motion::{kick, pistons, wall_motion};
+use crate::motion::{WallMotion, kick, wall_motion};
 use crate::state::State;
 use crate::step::StepError;
 
@@ -49,20 +49,22 @@ pub fn advance(
     let time = state.time - model.stage_start;
     darcy::impose(&model.faces, time, scratch).map_err(|place| no_value(place, time))?;
     let Some(Fluid::Darcy(mut water)) = state.fluid.take() else { return Ok(None) };
+    let open = std::array::from_fn(|f| matches!(model.faces[f].water, Water::Pressure(_)));
+    let pressed = scratch.wall_force(&water, &open);
+    let walls: [WallMotion; 6] = std::array::from_fn(|face| {
+        let load = loads.wall[face] + pressed[face];
+        wall_motion(face, state, model, load, load, dt)
+    });
     let terms = Terms {
         kick: kick(state, dt),
         interval: dt,
         bulk_modulus: fluid.bulk_modulus,
-        open: std::array::from_fn(|f| matches!(model.faces[f].water, Water::Pressure(_))),
-        pistons: pistons(model, &state.grains),
+        open,
+        pistons: walls.map(|wall| wall.mobility),
         residual: settings.residual,
     };
-    let pressed = scratch.wall_force(&water, &terms.open);
-    let walls = std::array::from_fn(|face| {
-        let load = loads.wall[face] + pressed[face];
-        wall_motion(face, state, model, load, load, dt).allowed()
-    });
-    let solved = darcy::advance(&mut water, &around(state, model, fluid), terms, loads, walls, scratch);
+    let velocity = walls.map(|wall| wall.allowed());
+    let solved = darcy::advance(&mut water, &around(state, model, fluid), terms, loads, velocity, scratch);
     state.fluid = Some(Fluid::Darcy(water));
     let info = solved
         .map_err(|error| StepError::Fluid(format!("the pressures of the grid cannot be found: {error}")))?;
