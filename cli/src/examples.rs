@@ -215,6 +215,15 @@ const EXAMPLES: &[Example] = &[
             ("curves.svg", include_str!("../../examples/23-membrane-triaxial/curves.svg")),
         ],
     },
+    Example {
+        name: "24-wave-speed",
+        about: "a small pulse runs along and across a column of grains: its speed against that of the measured modulus",
+        files: &[
+            ("case.toml", include_str!("../../examples/24-wave-speed/case.toml")),
+            ("README.md", include_str!("../../examples/24-wave-speed/README.md")),
+            ("pulse.svg", include_str!("../../examples/24-wave-speed/pulse.svg")),
+        ],
+    },
 ];
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.

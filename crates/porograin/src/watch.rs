@@ -67,6 +67,8 @@ pub enum Measure {
     Unbalanced,
     /// Normal stress on each face, grains and water together.
     FaceStress,
+    /// Force on each face, grains and water together.
+    FaceForce,
     /// Force of the grains on each wall that the case adds, and its moment about the wall's centre.
     WallForce,
     /// Area of the membrane and volume inside it.
@@ -129,7 +131,7 @@ pub const PROFILE_POINTS: usize = 13;
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Measure; 31] = [
+    pub const ALL: [Measure; 32] = [
         Measure::Porosity,
         Measure::Regions,
         Measure::Grading,
@@ -138,6 +140,7 @@ impl Measure {
         Measure::Surface,
         Measure::Unbalanced,
         Measure::FaceStress,
+        Measure::FaceForce,
         Measure::WallForce,
         Measure::Membrane,
         Measure::Stress,
@@ -186,6 +189,7 @@ impl Measure {
             Measure::Settlement => "how far the top face has come down since the stage began",
             Measure::Surface => "height of the highest point of all grains",
             Measure::Unbalanced => "mean resultant on a grain over mean contact force",
+            Measure::FaceForce => "force on each face, grains and water together",
             Measure::FaceStress => {
                 "normal stress on each face, grains and water together, compression positive"
             }
@@ -263,6 +267,10 @@ impl Measure {
             Measure::Surface => list(&["surface [m]"]),
             Measure::Unbalanced => list(&["unbalanced [-]"]),
             Measure::FaceStress => faces("stress", "Pa"),
+            Measure::FaceForce => {
+                let of = |face: &&str| ["x", "y", "z"].map(|c| format!("force_{face}_{c} [N]"));
+                crate::boundary::FACE_NAMES.iter().flat_map(of).collect()
+            }
             Measure::Membrane => list(&["membrane_area [m2]", "membrane_volume [m3]"]),
             Measure::WallForce => {
                 let of = |wall: &String| {
@@ -422,6 +430,7 @@ impl Measure {
             }
             Measure::Unbalanced => vec![measure::unbalanced(now.state, now.model, now.loads)],
             Measure::FaceStress => measure::wall_stress(domain).to_vec(),
+            Measure::FaceForce => domain.wall_force.iter().flat_map(|force| force.to_array()).collect(),
             Measure::Membrane if domain.skin.made_at_step.is_none() => return None,
             Measure::Membrane => domain.skin.area_and_volume(grains).to_vec(),
             Measure::WallForce => {
