@@ -170,9 +170,12 @@ impl System {
 
     /// The solution, back to the nodes.
     pub(super) fn scatter(&self, mesh: &Mesh, pressure: &mut [f64]) {
-        for (&node, &free) in self.nodes.iter().zip(&self.free) {
-            pressure[node as usize] = free;
-        }
+        let both = pressure.par_iter_mut().zip(&self.unknown).with_min_len(SHARE);
+        both.for_each(|(pressure, &unknown)| {
+            if let Some(&free) = self.free.get(unknown as usize) {
+                *pressure = free;
+            }
+        });
         if let Some(first) = self.pinned {
             pressure[first] = 0.0;
             take_out_mean(mesh, pressure);
