@@ -217,6 +217,19 @@ impl Neighbours {
     }
 }
 
+/// The first pair of which one sphere holds the centre of the other, in time linear in their number where sizes do not differ much.
+pub fn swallowed(position: &[DVec3], radius: &[f64]) -> Option<[usize; 2]> {
+    let bound = |of: fn(DVec3, DVec3) -> DVec3| position.iter().copied().reduce(of);
+    let (lower, upper) = (bound(DVec3::min)?, bound(DVec3::max)?);
+    let mut grid = Grid::default();
+    grid.fill(&Cell::walled(lower, upper), position, radius.iter().fold(0.0, |a, &r| a.max(r)));
+    (0..position.len()).find_map(|i| {
+        let holds = |&j: &usize| position[i].distance(position[j]) < radius[i].max(radius[j]);
+        let later = grid.around(position[i]).flatten().map(|&j| j as usize).filter(|&j| j > i);
+        later.filter(holds).min().map(|j| [i, j])
+    })
+}
+
 /// The largest of `of(now, then)`, or zero; what is not a number counts for nothing.
 fn most<T: Copy + Sync>(now: &[T], then: &[T], of: impl Fn(T, T) -> f64 + Sync) -> f64 {
     let larger = |a: f64, b: f64| if b > a { b } else { a };
@@ -440,6 +453,25 @@ mod tests {
         assert!((10..150).contains(&rebuilt), "{rebuilt}");
         let listed = near.pairs.iter().map(|&p| gap(&cell, &position, &radius, p));
         assert!(listed.fold(0.0, f64::max) < 3.0 * near.skin);
+    }
+
+    #[test]
+    fn who_swallows_whom_is_found_as_by_trying_all() {
+        let mut seen = [0; 2];
+        for seed in 0..20 {
+            let (mut position, radius) = cloud(60 + 10 * seed, DVec3::new(1.0, 0.5, 0.7), 40 + seed as u64);
+            if seed % 2 == 0 {
+                position.iter_mut().for_each(|x| *x *= 4.0);
+            }
+            let holds = |i: usize, j: usize| position[i].distance(position[j]) < radius[i].max(radius[j]);
+            let n = position.len();
+            let first = (0..n).find_map(|i| (i + 1..n).find(|&j| holds(i, j)).map(|j| [i, j]));
+            assert_eq!(swallowed(&position, &radius), first, "{seed}");
+            seen[usize::from(first.is_some())] += 1;
+        }
+        assert!(seen[0] > 0 && seen[1] > 0, "{seen:?}");
+        assert_eq!(swallowed(&[DVec3::ONE; 3], &[0.1; 3]), Some([0, 1]));
+        assert_eq!(swallowed(&[], &[]), None);
     }
 
     #[test]

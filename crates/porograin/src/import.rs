@@ -3,6 +3,7 @@
 
 use crate::case::{BYTE_ORDER_MARK, CaseError, Place, reason};
 use glam::DVec3;
+use porograin_geometry::neighbours::swallowed;
 use porograin_geometry::{Cell, Period};
 use std::ops::Range;
 
@@ -64,7 +65,7 @@ pub fn spheres(name: &str, text: &str) -> Result<Spheres, CaseError> {
         return Err(CaseError::new(format!("the grain file {name} holds no grain")));
     }
     match swallowed(&spheres.position, &spheres.radius) {
-        Some((i, j)) => Err(spheres.swallowing(name, text, i, j, "the centre")),
+        Some([i, j]) => Err(spheres.swallowing(name, text, i, j, "the centre")),
         None => Ok(spheres),
     }
 }
@@ -227,7 +228,7 @@ impl Spheres {
             }
         }
         match swallowed(&position, &radius) {
-            Some((i, j)) => {
+            Some([i, j]) => {
                 let (i, j) = (source[i].min(source[j]), source[i].max(source[j]));
                 Err(self.swallowing(name, text, i, j, "the centre of an image"))
             }
@@ -253,25 +254,6 @@ impl Spheres {
             place: Some(Box::new(Place::in_file(name, text, start..start + width))),
         }
     }
-}
-
-/// The first pair, in order of x, of which one holds the centre of the other.
-fn swallowed(position: &[DVec3], radius: &[f64]) -> Option<(usize, usize)> {
-    let mut order: Vec<usize> = (0..radius.len()).collect();
-    order.sort_by(|&a, &b| position[a].x.total_cmp(&position[b].x).then(a.cmp(&b)));
-    let widest = radius.iter().copied().fold(0.0, f64::max);
-    for (k, &i) in order.iter().enumerate() {
-        for &j in &order[k + 1..] {
-            let apart = position[j] - position[i];
-            if apart.x > widest {
-                break;
-            }
-            if apart.length() < radius[i].max(radius[j]) {
-                return Some((i.min(j), i.max(j)));
-            }
-        }
-    }
-    None
 }
 
 #[cfg(test)]
