@@ -194,7 +194,11 @@ impl Share<'_> {
         for start in (0..self.pairs.len()).step_by(BATCH) {
             let end = (start + BATCH).min(self.pairs.len());
             for k in start..end {
-                batch.put(k - start, &surroundings.near_with::<MORE>(self.pairs[k]), self.shear[k]);
+                if MORE && is_part(self.pairs[k][1]) {
+                    put_part(&mut batch, k - start, surroundings, self.pairs[k], self.shear[k]);
+                } else {
+                    batch.put(k - start, &surroundings.near_with::<false>(self.pairs[k]), self.shear[k]);
+                }
             }
             batch.compute(law, last);
             for k in start..end {
@@ -292,6 +296,13 @@ impl Share<'_> {
             self.blocks[0].later.push(Later { grain: pair[1], force: -force, torque });
         }
     }
+}
+
+/// Puts a pair with part of a wall that the case adds into a batch: apart, so that all others stay in registers on their way there.
+#[cold]
+#[inline(never)]
+fn put_part(batch: &mut Batch, lane: usize, surroundings: &Surroundings, pair: [u32; 2], shear: DVec3) {
+    batch.put(lane, &surroundings.near(pair), shear);
 }
 
 /// Takes the pairs that parted out of the contacts and back among the near ones.
