@@ -4,6 +4,10 @@ use super::pass::Scratch;
 use super::{Contacts, More, Surroundings};
 use glam::DVec3;
 use porograin_geometry::Neighbours;
+use rayon::prelude::*;
+
+/// Pairs that are worth a thread.
+const SHARE: usize = 4096;
 
 /// Adds to `contacts` the near pairs that have come to touch; those that parted leave in the [pass](super::add).
 ///
@@ -34,15 +38,13 @@ pub fn follow(
         let gap = near.gaps();
         scratch.soon.extend(scratch.apart.extract_if(.., |pair| gap(*pair) < scratch.level));
     }
-    scratch.born.clear();
-    let mut k = 0;
-    while k < scratch.soon.len() {
-        if surroundings.touches(scratch.soon[k]) {
-            scratch.born.push(scratch.soon.swap_remove(k));
-        } else {
-            k += 1;
-        }
-    }
+    let Scratch { soon, found, born, .. } = scratch;
+    found.clear();
+    let pairs = soon.par_iter().enumerate().with_min_len(SHARE);
+    found.par_extend(pairs.filter(|(_, pair)| surroundings.touches(**pair)).map(|(k, _)| k));
+    born.clear();
+    // From the back, so that whoever takes a place has been looked at.
+    born.extend(found.iter().rev().map(|&k| soon.swap_remove(k)));
     if !scratch.born.is_empty() {
         scratch.born.sort_unstable();
         insert(contacts, &scratch.born);

@@ -26,7 +26,9 @@ pub struct Scratch {
     pub(super) soon: Vec<[u32; 2]>,
     /// [m]
     pub(super) level: f64,
-    /// Pairs that came to touch in this step.
+    /// Where among those are the pairs that came to touch in this step.
+    pub(super) found: Vec<usize>,
+    /// These pairs.
     pub(super) born: Vec<[u32; 2]>,
     /// How many contacts these lists go with.
     pub(super) known: usize,
