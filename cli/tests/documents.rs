@@ -31,9 +31,15 @@ fn cases_in_the_documents_are_accepted() {
 #[test]
 fn examples_are_accepted_and_can_be_copied() {
     let (_, listed, _) = porograin(&["list"]);
-    for folder in fs::read_dir(root().join("examples")).unwrap().map(|e| e.unwrap().path()) {
+    let page = fs::read_to_string(root().join("examples/README.md")).unwrap();
+    for picture in page.split("src=\"").skip(1).map(|rest| rest.split('"').next().unwrap()) {
+        assert!(root().join("examples").join(picture).exists(), "{picture}");
+    }
+    let entries = fs::read_dir(root().join("examples")).unwrap().map(|e| e.unwrap().path());
+    for folder in entries.filter(|entry| entry.is_dir()) {
         let name = folder.file_name().unwrap().to_str().unwrap();
         assert!(listed.contains(name), "{name} is not listed");
+        assert!(page.contains(&format!("({name}/README.md)")), "{name} is not in examples/README.md");
         let copy = Path::new(env!("CARGO_TARGET_TMPDIR")).join("copies").join(name);
         let _ = fs::remove_dir_all(&copy);
         let (code, _, stderr) = porograin(&["new", name, copy.to_str().unwrap()]);
