@@ -93,7 +93,7 @@ fn a_small_load_is_given_back_and_a_large_one_leaves_a_trace() {
 
 /// Samples hold looser the smaller they are: a difference that falls with N^-0.47 (O'Hern et al. 2003) leads to random close packing.
 #[test]
-#[ignore = "long: four samples of 500 grains and one of 2000 without friction, two minutes of CPU"]
+#[ignore = "long: four samples of 500 grains and four of 2000 without friction, four minutes of CPU"]
 fn the_solid_fraction_of_large_samples_is_that_of_random_close_packing() {
     let solid = |count: usize, seed: usize| {
         let set =
@@ -102,12 +102,13 @@ fn the_solid_fraction_of_large_samples_is_that_of_random_close_packing() {
         while simulation.advance().unwrap().is_some() {}
         1.0 - measure::porosity(&simulation.state)
     };
-    let small = (1..=4).map(|seed| solid(500, seed)).sum::<f64>() / 4.0;
-    let large = solid(2000, 2);
-    close(small, 0.635, 0.002, "solid fraction of 500 grains");
-    close(large, 0.638, 0.002, "solid fraction of 2000 grains");
+    let [small, large] = [500, 2000].map(|count| (1..=4).map(|seed| solid(count, seed)).sum::<f64>() / 4.0);
+    // Pressing is chaotic: sums in another order give other samples. Three standard deviations of a mean of four, from eight samples of 500
+    // (0.0021 each) and four of 2000 (0.0016).
+    close(small, 0.6346, 0.0032, "solid fraction of 500 grains");
+    close(large, 0.6377, 0.0024, "solid fraction of 2000 grains");
     let [a, b] = [500.0_f64, 2000.0].map(|count| count.powf(-0.47));
-    close(large + (large - small) * b / (a - b), 0.64, 0.005, "solid fraction of infinitely many");
+    close(large + (large - small) * b / (a - b), 0.64, 0.006, "solid fraction of infinitely many");
 }
 
 #[test]
