@@ -38,12 +38,13 @@ fn pulses_run_at_the_speed_of_the_modulus() {
     }
     let state = &simulation.state;
     let (height, density) = (state.domain.cell.edges.z_axis.z, 2600.0 * (1.0 - measure::porosity(state)));
-    // The pulse is some ten grains long, so that it runs a little slower than a longer one would.
+    // The pulses are 15 and 9 grains long, so that they run a little slower than longer ones would.
     for (k, modulus, speed) in [(0, 3.13e6, 42.9), (1, 1.25e6, 27.1)] {
         assert!((stiffness[k] / modulus - 1.0).abs() < 0.05, "modulus {stiffness:?}");
         let found = height / arrival[k];
         assert!((found / speed - 1.0).abs() < 0.03, "speed {found}");
         let expected = (stiffness[k] / density).sqrt();
-        assert!((found / expected - 0.973).abs() < 0.03, "{found} beside {expected}");
+        // Of a chain of grains, no pulse is faster, and none of more than nine grains is slower than cos(pi/9).
+        assert!((0.94..1.005).contains(&(found / expected)), "{found} beside {expected}");
     }
 }
