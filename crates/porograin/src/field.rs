@@ -127,23 +127,36 @@ pub const HEADS: [&str; 8] = [
 ];
 
 impl Field {
-    /// One row per place: pressure and velocity there are empty where there is no water to ask. `None` without pores.
+    /// One row per place: pressure and velocity there are empty where there is no water to ask. `None` in a dry stage.
     pub fn rows(&self, now: &Snapshot) -> Option<Vec<[Option<f64>; HEADS.len()]>> {
+        if let Some(flow) = now.coarse_flow() {
+            return Some(self.ask(now, |x| flow.at(x).map(|found| (found.pressure, found.velocity))));
+        }
         let (_, pressure) = now.pores()?;
         let (beside, mut room) = (now.beside()?, Vec::new());
         let site = now.site(&beside)?;
         let walk = now.walk(&beside, &mut room);
         let velocity = now.pore_flow(&site)?.velocity(&site, &walk);
         let mut sensor = Sensor::new(&site, pressure);
+        Some(self.ask(now, |x| {
+            let found = sensor.at(x)?;
+            let u = velocity[found.pore] + walk.gradient * found.offset;
+            Some((found.pressure + now.macroscopic(x), u))
+        }))
+    }
+
+    /// The rows of what is found at each place: pressure and velocity.
+    fn ask(
+        &self,
+        now: &Snapshot,
+        mut at: impl FnMut(DVec3) -> Option<(f64, DVec3)>,
+    ) -> Vec<[Option<f64>; HEADS.len()]> {
         let row = |x: DVec3| {
-            let place = [now.state.time, x.x, x.y, x.z].map(Some);
-            let found = sensor.at(x).map_or([None; 4], |found| {
-                let u = velocity[found.pore] + walk.gradient * found.offset;
-                [found.pressure + now.macroscopic(x), u.x, u.y, u.z].map(Some)
-            });
-            std::array::from_fn(|k| if k < 4 { place[k] } else { found[k - 4] })
+            let [a, b, c, d] = [now.state.time, x.x, x.y, x.z].map(Some);
+            let [p, u, v, w] = at(x).map_or([None; 4], |(p, u)| [p, u.x, u.y, u.z].map(Some));
+            [a, b, c, d, p, u, v, w]
         };
-        Some(self.at.all().into_iter().map(row).collect())
+        self.at.all().into_iter().map(row).collect()
     }
 }
 

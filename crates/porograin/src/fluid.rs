@@ -159,9 +159,13 @@ impl Scratch {
         self.pull.gradient
     }
 
-    /// Whether only differences of the pores' pressures are known: the water is incompressible and no pressure is given.
-    pub fn free_level(&self) -> bool {
-        self.made.as_ref().is_some_and(|made| made.system.free_level())
+    /// Whether only differences of the pressures are known: the water is incompressible and no pressure is given.
+    pub fn free_level(&self, state: &State) -> bool {
+        match &state.fluid {
+            Some(Fluid::Pores(_)) => self.made.as_ref().is_some_and(|made| made.system.free_level()),
+            Some(Fluid::Darcy(_)) => self.darcy.free_level(),
+            None => false,
+        }
     }
 
     /// What the set-up of the pressure solve made, once there is one.

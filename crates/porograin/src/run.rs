@@ -193,7 +193,7 @@ impl Sitting {
         entry.ended = ended.to_owned();
         entry.reached = Some(reached(simulation));
         entry.water_step = simulation.state.pores().map(PoreState::stepping);
-        entry.free_level = simulation.work.fluid.free_level();
+        entry.free_level = simulation.work.fluid.free_level(&simulation.state);
         folder.summary.stages.truncate(stage);
         folder.summary.stages.push(entry);
     }

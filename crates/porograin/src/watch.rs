@@ -5,7 +5,7 @@ use crate::darcy::Grid;
 use crate::fluid;
 use crate::grains::Loads;
 use crate::ledger::Ledger;
-use crate::measure::{self, PoreFlow, Site, Walk};
+use crate::measure::{self, CoarseFlow, PoreFlow, Site, Walk};
 use crate::model::Model;
 use crate::pores::{Beside, Mesh};
 use crate::progress::Began;
@@ -101,7 +101,7 @@ pub enum Measure {
     Speed,
     /// Length of the step.
     TimeStep,
-    /// Mean, least and greatest excess pressure of the pores.
+    /// Mean, least and greatest excess pressure of the pores, or of the cells of a grid.
     Pressure,
     /// Mean excess pressure at 13 heights between bottom and top.
     PressureProfile,
@@ -223,7 +223,9 @@ impl Measure {
             }
             Measure::Speed => "largest speed of a grain",
             Measure::TimeStep => "length of the step",
-            Measure::Pressure => "mean, least and greatest excess pressure of the pores",
+            Measure::Pressure => {
+                "mean, least and greatest excess pressure of the pores, or of the cells of a grid"
+            }
             Measure::PressureProfile => "mean excess pressure at 13 heights, bottom to top",
             Measure::Outflow => "water leaving through each face",
             Measure::Discharge => "flux of the water past the grains per area of the sample, along x, y, z",
@@ -406,6 +408,12 @@ impl Snapshot<'_> {
         Walk { grain: velocity, wall: domain.wall_velocity, gradient: domain.gradient }
     }
 
+    /// What flows through the grid, in a stage with coarse water.
+    pub fn coarse_flow(&self) -> Option<CoarseFlow<'_>> {
+        let State { grains, domain, .. } = self.state;
+        Some(CoarseFlow::new(self.water.darcy.grid()?, self.state.grid()?, grains, &domain.cell))
+    }
+
     /// The grid and the pressure of each cell and wall face [Pa], in a stage with coarse water.
     pub fn grid(&self) -> Option<(&Grid, &[f64])> {
         Some((self.water.darcy.grid()?, &self.state.grid()?.pressure))
@@ -490,6 +498,9 @@ impl Measure {
             Measure::PressureProfileX => now.water.profile(now.state, 0)?.to_vec(),
             Measure::PressureProfileY => now.water.profile(now.state, 1)?.to_vec(),
             Measure::Discharge => {
+                if let Some(flow) = now.coarse_flow() {
+                    return Some(flow.discharge().to_array().to_vec());
+                }
                 let beside = now.beside()?;
                 let site = now.site(&beside)?;
                 now.pore_flow(&site)?.discharge(&site).to_array().to_vec()

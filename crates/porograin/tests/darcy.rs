@@ -1,12 +1,16 @@
 //! Coarse water: exact sums, balance, orders of accuracy, the same bits, no limit to the time step.
 
+mod random;
+
 use glam::DVec3;
 use porograin::boundary::{Signal, Solid, Water};
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::darcy::grid::Plan;
 use porograin::darcy::pressure::Outside;
 use porograin::darcy::{Cells, Darcy, Follow, Grid, Permeability, System, Terms, Transfer};
+use porograin::measure::CoarseFlow;
 use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, step};
+use random::Random;
 use std::f64::consts::PI;
 
 /// A cubic arrangement of touching grains, slightly shaken, in sealed walls.
@@ -207,6 +211,13 @@ fn moving_everything_together_moves_no_water_through_the_grains() {
     assert!(pressure.iter().all(|p| p.abs() < 1e-9), "{pressure:?}");
     assert!(work.fluid.darcy.flows.outflow[5].abs() < 1e-15);
     assert!(state.grains.velocity.iter().all(|w| (*w - v).length() < 1e-12));
+    // So the water moves along, up to the walls.
+    let flow = flow(&state, &work);
+    let (from, to) = (state.domain.cell.origin, state.domain.cell.upper());
+    for x in anywhere(from, to) {
+        let found = flow.at(x).unwrap();
+        assert!((found.velocity - v).length() < 1e-12, "{x}: {found:?}");
+    }
 }
 
 fn run(threads: usize, steps: usize, drop_every: usize, settings: &Darcy) -> (State, u64) {
@@ -330,6 +341,159 @@ fn held(settings: Darcy, faces: [Water; 6]) -> (State, Model) {
 
 fn formula(text: &str) -> Signal {
     Signal::Expression(text.parse().unwrap())
+}
+
+fn flow<'a>(state: &'a State, work: &'a Work) -> CoarseFlow<'a> {
+    let grid = work.fluid.darcy.grid().unwrap();
+    CoarseFlow::new(grid, state.grid().unwrap(), &state.grains, &state.domain.cell)
+}
+
+/// Places in a box: its corners, a diagonal, the walls, and inside.
+fn anywhere(from: DVec3, to: DVec3) -> Vec<DVec3> {
+    let mut random = Random(5);
+    let mut places: Vec<DVec3> = (0..=40).map(|k| from + (to - from) * (k as f64 / 40.0)).collect();
+    for k in 0..400 {
+        let mut at = (random.vector() + 0.5).to_array();
+        match k % 4 {
+            0 => {}
+            1 => at[k / 4 % 3] = (k / 12 % 2) as f64,
+            2 => at[..2].fill((k / 4 % 2) as f64),
+            _ => at = [k / 4, k / 8, k / 16].map(|bit| (bit % 2) as f64),
+        }
+        places.push(from + (to - from) * DVec3::from_array(at));
+    }
+    places
+}
+
+#[test]
+fn a_linear_pressure_and_its_flow_are_found_everywhere_and_nothing_beyond_the_walls() {
+    let given = DVec3::new(1e-9, 3e-9, 2e-10);
+    let permeability = Permeability::Given(given.to_array());
+    let slope = DVec3::new(1000.0, -300.0, 70.0);
+    let faces = std::array::from_fn(|_| Water::Pressure(formula("1000*x - 300*y + 70*z + 1")));
+    let (mut state, model) = held(Darcy { permeability, ..cells([3, 4, 5]) }, faces);
+    let mut work = Work::default();
+    step(&mut state, &model, &mut work).unwrap();
+    let flow = flow(&state, &work);
+    let darcy = -slope * given / 1e-3;
+    let (from, to) = (state.domain.cell.origin, state.domain.cell.upper());
+    for x in anywhere(from, to) {
+        let found = flow.at(x).unwrap();
+        assert!((found.pressure - slope.dot(x) - 1.0).abs() < 1e-9, "{x}: {found:?}");
+        assert!((found.seepage - darcy).length() < 1e-9 * darcy.length(), "{x}: {found:?} {darcy}");
+    }
+    assert!((flow.discharge() - darcy).length() < 1e-9 * darcy.length());
+    for axis in DVec3::AXES {
+        assert_eq!((flow.at(to + 1e-6 * axis), flow.at(from - 1e-6 * axis)), (None, None));
+    }
+}
+
+#[test]
+fn through_layers_the_pressure_falls_in_straight_lines_and_the_flux_is_the_outflow_at_every_height() {
+    let mut faces = [const { Water::Sealed }; 6];
+    faces[4] = Water::Pressure(Signal::Constant(100.0));
+    faces[5] = Water::Pressure(Signal::Constant(0.0));
+    let (mut state, model) = held(cells([3, 2, 6]), faces);
+    // Layers of one porosity each, thinner and thinner.
+    for (x, r) in state.grains.position.iter_mut().zip(&mut state.grains.radius) {
+        *x = 0.01 * ((*x / 0.01 - 0.5).round() + 0.5);
+        *r = 0.0045 - 0.02 * x.z;
+    }
+    let mut work = Work::default();
+    step(&mut state, &model, &mut work).unwrap();
+    let (flow, grid) = (flow(&state, &work), work.fluid.darcy.grid().unwrap());
+    let layers: Vec<f64> = (0..6).map(|z| 0.01 / grid.mobility[6 * z].z).collect();
+    assert!(layers[0] > 3.0 * layers[5], "{layers:?}");
+    let flux = 100.0 / layers.iter().sum::<f64>();
+    let outflow = work.fluid.darcy.flows.outflow;
+    assert!((outflow[5] / (flux * 0.0036) - 1.0).abs() < 1e-11);
+    for x in anywhere(DVec3::ZERO, DVec3::splat(0.06)) {
+        let below = |(z, layer): (usize, &f64)| layer * (x.z / 0.01 - z as f64).clamp(0.0, 1.0);
+        let pressure = 100.0 - flux * layers.iter().enumerate().map(below).sum::<f64>();
+        let found = flow.at(x).unwrap();
+        assert!((found.pressure - pressure).abs() < 1e-9, "{x}: {found:?} {pressure}");
+        assert!((found.seepage - flux * DVec3::Z).length() < 1e-11 * flux, "{x}: {found:?} {flux}");
+        let z = ((x.z / 0.01) as usize).min(5);
+        let void = 1.0 - 4.0 / 3.0 * PI * (0.0045 - 0.02 * (0.01 * z as f64 + 0.005)).powi(3) / 1e-6;
+        assert!((found.velocity.z / (flux / void) - 1.0).abs() < 1e-9, "{x}: {found:?} {void}");
+    }
+    assert!((flow.discharge().z * 0.0036 / outflow[5] - 1.0).abs() < 1e-11);
+}
+
+#[test]
+fn the_flow_in_a_cell_has_the_divergence_of_its_balance_and_nothing_jumps_between_cells() {
+    // Compressible water between two pressures that have not yet met, around grains that stay.
+    let mut faces = [const { Water::Sealed }; 6];
+    faces[0] = Water::Pressure(Signal::Constant(100.0));
+    faces[5] = Water::Pressure(Signal::Constant(-50.0));
+    faces[3] = Water::Inflow(Signal::Constant(1e-4));
+    let (mut state, mut model) = held(cells([3, 4, 5]), faces);
+    let modulus = 2e4;
+    model.fluid.as_mut().unwrap().bulk_modulus = Some(modulus);
+    model.time_step = TimeStep::Fixed(1e-5);
+    let mut work = Work::default();
+    for _ in 0..3 {
+        step(&mut state, &model, &mut work).unwrap();
+    }
+    let before = state.grid().unwrap().pressure.clone();
+    step(&mut state, &model, &mut work).unwrap();
+    let (flow, grid) = (flow(&state, &work), work.fluid.darcy.grid().unwrap());
+    let at = |x: DVec3| flow.at(x).unwrap();
+    let mut random = Random(8);
+    let mut largest = 0.0_f64;
+    for cell in 0..grid.census.cells {
+        let (middle, size) = (grid.centre(cell), grid.size(cell));
+        let shift = 0.3 * random.vector() * size;
+        let slope = |axis: usize| {
+            let mut reach = DVec3::ZERO;
+            reach[axis] = 0.3 * size[axis];
+            (at(middle + shift + reach).seepage - at(middle + shift - reach).seepage)[axis]
+                / (0.6 * size[axis])
+        };
+        let divergence: f64 = (0..3).map(slope).sum();
+        let stored =
+            grid.porosity[cell] / modulus * (state.grid().unwrap().pressure[cell] - before[cell]) / state.dt;
+        largest = largest.max(divergence.abs());
+        assert!((divergence + stored).abs() < 1e-6 * largest.max(1e-3), "{cell}: {divergence:e} {stored:e}");
+    }
+    assert!(largest > 1e-2, "{largest:e}");
+    // A hair before and behind each plane, where the pressure is steep.
+    for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
+        for k in 1..grid.count[axis] {
+            for x in anywhere(DVec3::splat(1e-9), DVec3::splat(0.06 - 1e-9)) {
+                let x = x + (grid.planes[axis][k] - x[axis]) * unit;
+                let [a, b] = [at(x - 1e-12 * unit), at(x + 1e-12 * unit)];
+                assert!((a.pressure - b.pressure).abs() < 1e-6, "{x}: {a:?} {b:?}");
+                assert!((a.seepage - b.seepage)[axis].abs() < 1e-9 * a.seepage.length(), "{x}: {a:?} {b:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_found_at_a_wall_goes_with_the_wall() {
+    // Planes are as old as the grid; the walls have moved since.
+    let (mut state, mut model) = driven(Darcy { renew: 1.0, ..cells([3, 3, 3]) }, 0.02, None);
+    model.faces[4].solid = Solid::Moving { velocity: [0.0, 0.0, 3.0].map(Signal::Constant) };
+    model.faces[4].water = Water::Pressure(Signal::Constant(70.0));
+    let mut work = Work::default();
+    let start = state.domain.cell.origin.z;
+    while state.domain.cell.origin.z < start + 1e-3 {
+        step(&mut state, &model, &mut work).unwrap();
+    }
+    assert_eq!(state.grid().unwrap().grid_cell.origin.z, start);
+    let Water::Pressure(signal) = &model.faces[1].water else { unreachable!() };
+    let imposed = signal.at(state.time - state.dt);
+    let (flow, cell) = (flow(&state, &work), state.domain.cell);
+    for x in anywhere(cell.origin, cell.upper()) {
+        // Away from edges with walls that push water out.
+        let right = DVec3::new(cell.upper().x, x.y.clamp(0.011, 0.049), x.z.clamp(0.011, 0.049));
+        let found = flow.at(right).unwrap();
+        assert!((found.pressure - imposed).abs() < 1e-9, "{right}: {found:?} {imposed}");
+        let bottom = DVec3::new(x.x.clamp(0.011, 0.049), x.y.clamp(0.011, 0.049), cell.origin.z);
+        let found = flow.at(bottom).unwrap();
+        assert!((found.pressure - 70.0).abs() < 1e-9, "{bottom}: {found:?}");
+    }
 }
 
 #[test]

@@ -319,7 +319,7 @@ fn blocked_pores_in_a_sealed_box_leave_the_level_free() {
     state.grains.velocity[moving] = DVec3::new(1e-3, 0.0, 0.0);
     let mut work = Work::default();
     step(&mut state, &model, &mut work).unwrap();
-    assert!(work.fluid.free_level());
+    assert!(work.fluid.free_level(&state));
     let (mesh, pressure) = (work.fluid.mesh().unwrap(), &state.pores().unwrap().pressure);
     let largest = pressure.iter().fold(0.0f64, |a, p| a.max(p.abs()));
     let sum: f64 = mesh.volume.iter().zip(&mesh.node).map(|(v, &n)| v * pressure[n as usize]).sum();

@@ -275,14 +275,8 @@ impl Case {
         Ok(())
     }
 
-    /// Fields have names of their own, and places, and ask pores.
+    /// Fields have names of their own, and places.
     fn fields(&self) -> Result<(), CaseError> {
-        let water = |of: fn(&Flow) -> bool| {
-            let mut stages = (0..self.stage.len()).filter_map(|k| self.model(k, 0.0).fluid);
-            stages.any(|fluid| of(&fluid.flow))
-        };
-        let on_grids_only =
-            water(|flow| matches!(flow, Flow::Darcy(_))) && !water(|flow| matches!(flow, Flow::Pores(_)));
         for (k, field) in self.field.iter().enumerate() {
             let at = |key: &str| format!("field.{k}.{key}");
             let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -305,14 +299,6 @@ impl Case {
                 return self.refuse(&at("at"), sentence);
             }
             self.every(&at("every"), &field.every)?;
-            if on_grids_only {
-                let sentence = format!(
-                    "the field `{}` asks the water in the pores, but all water is on a grid",
-                    field.name
-                );
-                let hint = "watch `pressure-profile` instead, or look at the cells in the VTK frames";
-                return Err(self.source.fault(&format!("field.{k}"), sentence).hint(hint));
-            }
         }
         Ok(())
     }

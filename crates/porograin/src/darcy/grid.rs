@@ -228,6 +228,15 @@ impl Grid {
         self.axis_start[axis]..self.axis_start[axis + 1]
     }
 
+    /// The link through the low (0) or the high (1) face across an axis of the cell at a place; discs have none along y.
+    pub fn link(&self, axis: usize, mut place: [usize; 3], side: usize) -> Option<usize> {
+        let mut count = self.count;
+        count[axis] += 1;
+        place[axis] += side;
+        let link = (place[2] * count[1] + place[1]) * count[0] + place[0];
+        (!self.links(axis).is_empty()).then_some(self.axis_start[axis] + link)
+    }
+
     /// Links and wall nodes; none across the plane that discs live in.
     fn join(&mut self, flat: bool) {
         for axis in 0..3 {

@@ -133,6 +133,11 @@ impl Scratch {
         self.made.as_ref().map(|(_, grid)| grid)
     }
 
+    /// Whether nothing holds the level of the pressures: their mean stays what it is.
+    pub fn free_level(&self) -> bool {
+        self.system.as_ref().is_some_and(System::free_level)
+    }
+
     /// Force of the pressures of the state on each wall [N].
     pub fn wall_force(&self, state: &GridState, open: &[bool; 6]) -> [DVec3; 6] {
         self.grid().map_or([DVec3::ZERO; 6], |grid| pressure::wall_force(grid, &state.pressure, open))

@@ -203,6 +203,11 @@ impl System {
         Ok(())
     }
 
+    /// Whether only differences of the pressures are known.
+    pub fn free_level(&self) -> bool {
+        self.level_is_free
+    }
+
     /// Takes the pressures of all nodes [Pa] one step further. `change` is by how much those of the cells changed in the last
     /// step, then in this one: where the solve starts.
     ///

@@ -2,6 +2,7 @@
 //!
 //! Stresses are positive in compression.
 
+mod coarse;
 mod directions;
 mod energy;
 mod flow;
@@ -10,6 +11,7 @@ mod microstructure;
 mod region;
 mod sensor;
 mod stress;
+pub use coarse::{CoarseFlow, CoarseFound};
 pub use directions::{CLASSES, Directions, LAYERS, Profile, directions, profile};
 pub use energy::{elastic_energy, kinetic_energy, kinetic_energy_at, kinetic_energy_beside, unbalanced};
 pub use flow::{PoreFlow, Site, Walk};

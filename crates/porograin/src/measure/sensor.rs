@@ -9,6 +9,7 @@
 use super::flow::Site;
 use crate::pores::mesh::BLOCKED;
 use glam::{DMat3, DVec3};
+use porograin_geometry::Cell;
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::locate::locate;
 use porograin_geometry::triangulation::wall;
@@ -36,6 +37,16 @@ pub struct Found {
     pub offset: DVec3,
 }
 
+/// Whether a place [m] is outside of a box; a billionth of it is none.
+pub(super) fn beyond_walls(cell: &Cell, x: DVec3) -> bool {
+    let (lower, upper) = (cell.origin, cell.upper());
+    let beyond = |axis: usize| {
+        let slack = 1e-9 * (upper[axis] - lower[axis]);
+        x[axis] < lower[axis] - slack || x[axis] > upper[axis] + slack
+    };
+    (0..3).any(|axis| !cell.periodic[axis] && beyond(axis))
+}
+
 impl<'a> Sensor<'a> {
     /// A sensor for these pressures of the nodes [Pa].
     pub fn new(site: &'a Site<'a>, pressure: &'a [f64]) -> Self {
@@ -45,12 +56,7 @@ impl<'a> Sensor<'a> {
     /// The water at `x` [m], which may lie in a grain; `None` beyond a wall, in a blocked pore, and where there are no pores.
     pub fn at(&mut self, x: DVec3) -> Option<Found> {
         let Site { packing, mesh, .. } = self.site;
-        let (lower, upper) = (packing.cell.origin, packing.cell.upper());
-        let beyond = |axis: usize| {
-            let slack = 1e-9 * (upper[axis] - lower[axis]);
-            x[axis] < lower[axis] - slack || x[axis] > upper[axis] + slack
-        };
-        if (0..3).any(|axis| !packing.cell.periodic[axis] && beyond(axis)) {
+        if beyond_walls(packing.cell, x) {
             return None;
         }
         let found = locate(*packing, &mesh.triangulation, x, self.pore)?;

@@ -32,7 +32,7 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         water.force = darcy::pressure::force(grid, pressure).0;
     }
     let fluid_force = vectors(&water.force);
-    let fluid_velocity = flow(now).map(|(_, around)| vectors(&around)).unwrap_or_default();
+    let fluid_velocity = around_grains(now).map(|around| vectors(&around)).unwrap_or_default();
     let stress = measure::grain_stress(now.state, now.model);
     let deviator: Vec<f64> = order.iter().map(|&i| measure::invariants(stress[i])[1]).collect();
     let stress: Vec<[f64; 6]> = order.iter().map(|&i| symmetric(stress[i])).collect();
@@ -129,6 +129,14 @@ fn flow(now: &Snapshot) -> Option<(Vec<DVec3>, Vec<DVec3>)> {
     Some((velocity, around))
 }
 
+/// Velocity of the water around each grain, on a grid at its centre [m/s]; `None` in a dry stage.
+fn around_grains(now: &Snapshot) -> Option<Vec<DVec3>> {
+    let Some(coarse) = now.coarse_flow() else { return Some(flow(now)?.1) };
+    let grains = &now.state.grains;
+    let of = |(&x, &own): (&DVec3, &DVec3)| coarse.at(x).map_or(own, |found| found.velocity);
+    Some(grains.position.iter().zip(&grains.velocity).map(of).collect())
+}
+
 /// The throats and the Voronoi edges, as two files; `None` without pores.
 pub fn network(now: &Snapshot) -> Option<[Vec<u8>; 2]> {
     let beside = now.beside()?;
@@ -186,10 +194,12 @@ impl Through {
     }
 }
 
-/// The grid with pressure, porosity and permeability of its cells; `None` without coarse water.
+/// The grid with pressure, velocity of the water, porosity and permeability of its cells; `None` without coarse water.
 pub fn grid(now: &Snapshot) -> Option<PoreMesh> {
     let (grid, pressure) = now.grid()?;
-    Some(grid_mesh(grid, pressure, now.state.grid()?.viscosity))
+    let mut drawn = grid_mesh(grid, pressure, now.state.grid()?.viscosity);
+    drawn.vectors.push(("velocity [m/s]".into(), now.coarse_flow()?.in_cells()));
+    Some(drawn)
 }
 
 fn grid_mesh(grid: &Grid, pressure: &[f64], viscosity: f64) -> PoreMesh {

@@ -51,7 +51,7 @@ pub struct StageSummary {
     /// With water pore by pore: whether its steps are explicit or implicit, as chosen with the last mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub water_step: Option<Stepping>,
-    /// With incompressible water pore by pore and no pressure given anywhere: pressures count from their mean.
+    /// With incompressible water and no pressure given anywhere: pressures count from their mean.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub free_level: bool,
     /// The sample as the stage leaves it.
