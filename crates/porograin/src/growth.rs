@@ -64,11 +64,11 @@ impl Grow {
 /// `sum k_n l²/(3V)` over the contacts [Pa].
 fn stiffness(state: &State, model: &Model) -> f64 {
     let around = Surroundings::new(&state.grains, &state.domain, &model.faces, &model.walls, &model.contact);
-    let of = |&pair: &[u32; 2]| {
+    let of = |pair: [u32; 2]| {
         let touch = around.touch(pair);
         let [near, far] = touch.levers();
         let length = if wall(pair[1]).is_some() { near } else { near + far };
         around.law(pair).stiffness(&touch).normal * length * length
     };
-    state.contacts.pairs.iter().map(of).fold(0.0, |sum, own| sum + own) / (3.0 * state.domain.cell.volume())
+    state.contacts.pairs().map(of).fold(0.0, |sum, own| sum + own) / (3.0 * state.domain.cell.volume())
 }

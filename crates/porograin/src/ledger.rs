@@ -10,7 +10,7 @@
 //! In a periodic cell all velocities are those beside its flow, and the cell does the work that a contact gets from its branch being
 //! stretched.
 
-use crate::contact::{Bond, ContactLaw, Contacts, Law, Memory, More, Surroundings, Touch};
+use crate::contact::{Bond, ContactLaw, Law, Memory, More, Surroundings, Touch};
 use crate::grains::{Grains, Loads};
 use crate::measure;
 use crate::model::Model;
@@ -242,33 +242,17 @@ fn contacts(
     let around =
         |grains, domain| Surroundings::new(grains, domain, &model.faces, &model.walls, &model.contact);
     let (old, new) = (around(&before.grains, &before.domain), around(&moved, &domain));
-    let memory = |contacts: &Contacts, k: usize| {
-        let mut memory = contacts.memory(k);
-        // Forces of a law that remembers no more count as those of one that does.
-        if contacts.more.is_none() {
-            memory.more = More::default();
-        }
-        memory
+    let (mut was, mut is) = (before.contacts.iter().peekable(), after.contacts.iter().peekable());
+    let next = |was: Option<&([u32; 2], Memory)>, is: Option<&([u32; 2], Memory)>| {
+        was.into_iter().chain(is).map(|(pair, _)| *pair).min()
     };
-    let (was, is) = (&before.contacts, &after.contacts);
-    let (mut a, mut b) = (0, 0);
-    while a < was.len() || b < is.len() {
-        let pair = match (was.pairs.get(a), is.pairs.get(b)) {
-            (Some(p), Some(q)) => *p.min(q),
-            (Some(p), None) | (None, Some(p)) => *p,
-            (None, None) => return,
-        };
+    while let Some(pair) = next(was.peek(), is.peek()) {
         let touch = [old.touch(pair), new.touch(pair)];
-        let past = (was.pairs.get(a) == Some(&pair)).then(|| {
-            let mut memory = memory(was, a);
+        let past = was.next_if(|contact| contact.0 == pair).map(|(_, mut memory)| {
             memory.turn(touch[0].normal, touch[0].twist * before.dt);
-            a += 1;
             memory
         });
-        let now = (is.pairs.get(b) == Some(&pair)).then(|| {
-            b += 1;
-            memory(is, b - 1)
-        });
+        let now = is.next_if(|contact| contact.0 == pair).map(|(_, memory)| memory);
         let i = pair[0] as usize;
         let ends = wall(pair[1])
             .map(|_| [&before.grains, &moved].map(|grains| (grains.velocity[i], grains.spin[i])));

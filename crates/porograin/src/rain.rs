@@ -202,8 +202,8 @@ impl Rain {
 pub fn surface(state: &State) -> f64 {
     let grains = &state.grains;
     let mut supports = vec![0; grains.len()];
-    for pair in &state.contacts.pairs {
-        for &k in pair {
+    for pair in state.contacts.pairs() {
+        for k in pair {
             if let Some(count) = supports.get_mut(k as usize) {
                 *count += 1;
             }

@@ -14,7 +14,7 @@
 //! best, its own `omega² = sum over the held components of sum (k_n n_a² + k_t (1 - n_a²)) b_b² / (W l_b²)` adds to that of the grains.
 
 use crate::cell;
-use crate::contact::{ContactLaw, Law, Laws, Memory, Stiffness, Surroundings, Touch};
+use crate::contact::{ContactLaw, Contacts, Law, Laws, Memory, Stiffness, Surroundings, Touch};
 use crate::grains::Grains;
 use crate::model::{Model, RENEW_EVERY, TimeStep};
 use crate::state::State;
@@ -162,7 +162,7 @@ pub fn limit(state: &State, model: &Model) -> Limit {
     let look = |k: usize| {
         let range = k * part..((k + 1) * part).min(grains.len());
         let seen = Seen::new(state, model);
-        if range.is_empty() { seen } else { seen.look(range, &surroundings, &state.contacts.pairs, &motion) }
+        if range.is_empty() { seen } else { seen.look(range, &surroundings, &state.contacts, &motion) }
     };
     let parts: Vec<Seen> = (0..PARTS).into_par_iter().map(look).collect();
     let mut all = Seen::new(state, model);
@@ -236,14 +236,14 @@ impl Seen {
         mut self,
         range: Range<usize>,
         surroundings: &Surroundings,
-        pairs: &[[u32; 2]],
+        contacts: &Contacts,
         motion: &Motion,
     ) -> Self {
         let (grains, laws) = (surroundings.grains, surroundings.laws);
         let (start, n) = (range.start, range.len());
         // Behind the springs of all grains, where there are any, their dampers.
         let mut held = vec![Held::default(); if laws.is_plain() { n } else { 2 * n }];
-        for &pair in pairs {
+        for pair in contacts.pairs() {
             let [i, j] = pair.map(|k| k as usize);
             if i >= range.end {
                 break;

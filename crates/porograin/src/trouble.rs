@@ -187,7 +187,7 @@ impl fmt::Display for Trouble {
 pub fn look(state: &State, model: &Model, found: &mut Vec<Trouble>) {
     let (grains, time) = (&state.grains, state.time);
     let around = Surroundings::new(grains, &state.domain, &model.faces, &model.walls, &model.contact);
-    let deep = state.contacts.pairs.iter().find_map(|&pair| {
+    let deep = state.contacts.pairs().find_map(|pair| {
         let touch = around.near(pair).touch();
         let part = touch.overlap / touch.radius[0].min(touch.radius[1]);
         (part >= 0.5).then(|| Trouble::DeepOverlap {

@@ -126,7 +126,8 @@ impl Books {
         // Contacts: the slip by the mean of the forces at its ends; what is stored half a step after the force.
         self.elastic = 0.0;
         let mut shear = HashMap::new();
-        for (&pair, &force) in after.contacts.pairs.iter().zip(&after.contacts.shear) {
+        for (pair, memory) in after.contacts.iter() {
+            let force = memory.shear;
             let (here, next) = (Pair::of(before, pair), Pair::of(after, pair));
             let (normal, tangent) = (here.stiffness(), RATIO * here.stiffness());
             self.elastic +=

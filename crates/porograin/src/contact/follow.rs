@@ -1,8 +1,7 @@
 //! Which of the near pairs have come to touch since the last step.
 
 use super::pass::Scratch;
-use super::{Contacts, More, Surroundings};
-use glam::DVec3;
+use super::{Contacts, Surroundings};
 use porograin_geometry::Neighbours;
 use rayon::prelude::*;
 
@@ -20,15 +19,16 @@ pub fn follow(
     rebuilt: bool,
     scratch: &mut Scratch,
 ) {
+    contacts.cover(surroundings.grains.len());
     if rebuilt || scratch.known != contacts.len() {
         scratch.apart.clear();
         scratch.soon.clear();
         scratch.level = 0.0;
-        let mut touching = contacts.pairs.iter().peekable();
-        for pair in &near.pairs {
+        let mut touching = contacts.pairs().peekable();
+        for &pair in &near.pairs {
             while touching.next_if(|t| *t < pair).is_some() {}
             if touching.next_if_eq(&pair).is_none() {
-                scratch.apart.push(*pair);
+                scratch.apart.push(pair);
             }
         }
     }
@@ -47,36 +47,8 @@ pub fn follow(
     born.extend(found.iter().rev().map(|&k| soon.swap_remove(k)));
     if !scratch.born.is_empty() {
         scratch.born.sort_unstable();
-        insert(contacts, &scratch.born);
+        contacts.insert(&scratch.born);
     }
     scratch.near.follow(contacts, surroundings, near.skin(), rebuilt);
     scratch.known = contacts.len();
-}
-
-/// Merges sorted new pairs, without memory, into the sorted contacts, from the back so that every entry moves once.
-fn insert(contacts: &mut Contacts, born: &[[u32; 2]]) {
-    let (mut old, mut new) = (contacts.len(), born.len());
-    contacts.pairs.resize(old + new, [0; 2]);
-    contacts.shear.resize(old + new, DVec3::ZERO);
-    if let Some(more) = &mut contacts.more {
-        more.resize(old + new, More::default());
-    }
-    while new > 0 {
-        let to = old + new - 1;
-        if old > 0 && contacts.pairs[old - 1] > born[new - 1] {
-            old -= 1;
-            contacts.pairs[to] = contacts.pairs[old];
-            contacts.shear[to] = contacts.shear[old];
-            if let Some(more) = &mut contacts.more {
-                more[to] = more[old];
-            }
-        } else {
-            new -= 1;
-            contacts.pairs[to] = born[new];
-            contacts.shear[to] = DVec3::ZERO;
-            if let Some(more) = &mut contacts.more {
-                more[to] = More::default();
-            }
-        }
-    }
 }

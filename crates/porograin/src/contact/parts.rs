@@ -64,9 +64,11 @@ impl Near {
 
     /// Brings the contacts of one grain up to date with the parts it has `feet` on, sorted.
     fn update(&mut self, contacts: &mut Contacts, surroundings: &Surroundings, grain: u32) {
-        let start = contacts.pairs.partition_point(|pair| *pair < [grain, FIRST_WALL + 6]);
-        let known = contacts.pairs[start..].iter().take_while(|pair| pair[0] == grain).count();
-        let old = &contacts.pairs[start..start + known];
+        let rich = contacts.rich;
+        let row = contacts.row(grain);
+        let start = row.pairs.partition_point(|pair| *pair < [grain, FIRST_WALL + 6]);
+        let known = row.pairs[start..].iter().take_while(|pair| pair[0] == grain).count();
+        let old = &row.pairs[start..start + known];
         self.now.clear();
         let stays = |part: u32| old.iter().any(|pair| pair[1] == part);
         self.now.extend(self.feet.iter().filter(|&&part| stays(part) || surroundings.touches([grain, part])));
@@ -74,7 +76,7 @@ impl Near {
             return;
         }
         let mut before: Vec<(u32, Memory)> =
-            (start..start + known).map(|k| (contacts.pairs[k][1], contacts.memory(k))).collect();
+            (start..start + known).map(|k| (row.pairs[k][1], row.memory(k))).collect();
         let branch = |part: u32| surroundings.near([grain, part]).branch;
         let allowed = FOLLOWED * surroundings.grains.radius[grain as usize];
         let mut memories = Vec::with_capacity(self.now.len());
@@ -90,10 +92,10 @@ impl Near {
             memories.push(heir.map_or(Memory::default(), |k| before.swap_remove(k).1));
         }
         let range = start..start + known;
-        contacts.pairs.splice(range.clone(), self.now.iter().map(|&part| [grain, part]));
-        contacts.shear.splice(range.clone(), memories.iter().map(|memory| memory.shear));
-        if let Some(more) = &mut contacts.more {
-            more.splice(range, memories.iter().map(|memory| memory.more));
+        row.pairs.splice(range.clone(), self.now.iter().map(|&part| [grain, part]));
+        row.shear.splice(range.clone(), memories.iter().map(|memory| memory.shear));
+        if rich {
+            row.more.splice(range, memories.iter().map(|memory| memory.more));
         }
     }
 
@@ -128,12 +130,10 @@ impl Near {
             }
         }
         let gone = |pair: &[u32; 2]| is_part(pair[1]) && !walls[crate::walls::find(walls, pair[1]).0].present;
-        for k in (0..contacts.len()).rev() {
-            if gone(&contacts.pairs[k]) {
-                contacts.pairs.remove(k);
-                contacts.shear.remove(k);
-                contacts.more.iter_mut().for_each(|more| _ = more.remove(k));
-            }
+        for row in &mut contacts.rows {
+            let ended: Vec<u32> =
+                (0..row.pairs.len()).filter(|&k| gone(&row.pairs[k])).map(|k| k as u32).collect();
+            row.remove(&ended);
         }
     }
 }

@@ -1,20 +1,20 @@
 //! One pass over the touching pairs: every load, every reaction, on any number of threads with the same bits.
 //!
-//! Grains are cut into [blocks](block) of one size in order of index, and the contacts, which are sorted by their first
-//! grain, with them. A block adds its loads in order of contact to its own grains and puts aside what acts on grains
+//! Grains are cut into blocks of [a few rows](rows_of_a_block) of contacts in order of index. A block adds its loads in order of contact to its own grains and puts aside what acts on grains
 //! of later blocks; that is added afterwards in order of contact. The order of every sum depends on the number of grains alone.
 
 use super::lanes::{BATCH, Batch};
-use super::{ContactLaw, Contacts, Law, Memory, More, Plain, Surroundings};
+use super::memory::{ROW, Row};
+use super::{ContactLaw, Contacts, Law, Plain, Surroundings};
 use crate::grains::{Loads, Push};
 use crate::walls::is_part;
 use glam::{DMat3, DVec3};
 use porograin_geometry::triangulation::wall;
 
-/// Grains per block, for so many grains: large enough that most contacts stay inside, small enough to share a few thousand
+/// Rows per block, for so many grains: large enough that most contacts stay inside, small enough to share a few thousand
 /// grains between threads.
-fn block(grains: usize) -> usize {
-    (grains / 16).clamp(512, 8192)
+fn rows_of_a_block(grains: usize) -> usize {
+    grains.div_ceil(16 * ROW).clamp(1, 16)
 }
 
 /// What the contacts keep between steps to be fast; dropping it changes no bit.
@@ -41,7 +41,10 @@ pub struct Scratch {
 #[derive(Debug, Default)]
 struct Block {
     later: Vec<Later>,
-    parted: Vec<u32>,
+    /// Pairs that have parted, other than with parts of walls.
+    parted: Vec<[u32; 2]>,
+    /// Where in the row at hand those that have parted are.
+    ended: Vec<u32>,
     wall: [DVec3; 6],
     /// Pairs with parts of walls that the case adds, and what acts on the grain.
     parts: Vec<([u32; 2], Push)>,
@@ -69,17 +72,15 @@ pub fn add(
     contacts.remember(laws);
     loads.walls.resize(surroundings.walls.len(), Push::default());
     let stressed = loads.virial.is_some();
-    let size = block(loads.force.len());
-    let blocks = loads.force.len().div_ceil(size).max(1);
+    contacts.cover(loads.force.len());
+    let rows = rows_of_a_block(loads.force.len());
+    let blocks = loads.force.len().div_ceil(rows * ROW).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
     let share = Share {
-        size,
+        rows_of_a_block: rows,
         first_block: 0,
-        first_contact: 0,
         stressed,
-        pairs: &contacts.pairs,
-        shear: &mut contacts.shear,
-        more: contacts.more.as_deref_mut().unwrap_or_default(),
+        rows: &mut contacts.rows,
         force: &mut loads.force,
         torque: &mut loads.torque,
         blocks: &mut scratch.blocks,
@@ -92,6 +93,7 @@ pub fn add(
     }
 
     for block in &scratch.blocks {
+        scratch.soon.extend_from_slice(&block.parted);
         for later in &block.later {
             loads.force[later.grain as usize] += later.force;
             loads.torque[later.grain as usize] += later.torque;
@@ -106,21 +108,16 @@ pub fn add(
             surroundings.react(*pair, on_grain, &mut loads.walls);
         }
     }
-    remove_parted(contacts, scratch);
+    scratch.known = contacts.len();
 }
 
 /// Consecutive blocks with the grains and contacts that belong to them.
 struct Share<'a> {
-    /// Grains per block.
-    size: usize,
+    rows_of_a_block: usize,
     first_block: usize,
-    first_contact: usize,
     /// Whether the virial is asked for.
     stressed: bool,
-    pairs: &'a [[u32; 2]],
-    shear: &'a mut [DVec3],
-    /// Empty under a plain law.
-    more: &'a mut [More],
+    rows: &'a mut [Row],
     force: &'a mut [DVec3],
     torque: &'a mut [DVec3],
     blocks: &'a mut [Block],
@@ -133,25 +130,18 @@ impl Share<'_> {
         if half == 0 {
             return run(self);
         }
-        let (grain, middle) = (half * self.size, (self.first_block + half) * self.size);
-        let cut = self.pairs.partition_point(|pair| (pair[0] as usize) < middle);
-        let (pairs, more_pairs) = self.pairs.split_at(cut);
-        let (shear, more_shear) = self.shear.split_at_mut(cut);
-        let (more, more_more) = self.more.split_at_mut(cut.min(self.more.len()));
-        let (force, more_force) = self.force.split_at_mut(grain);
-        let (torque, more_torque) = self.torque.split_at_mut(grain);
+        let row = half * self.rows_of_a_block;
+        let (rows, more_rows) = self.rows.split_at_mut(row);
+        let (force, more_force) = self.force.split_at_mut(row * ROW);
+        let (torque, more_torque) = self.torque.split_at_mut(row * ROW);
         let (blocks, more_blocks) = self.blocks.split_at_mut(half);
-        let Share { size, first_block, first_contact, stressed, .. } = self;
-        let front =
-            Share { size, first_block, first_contact, stressed, pairs, shear, more, force, torque, blocks };
+        let Share { rows_of_a_block, first_block, stressed, .. } = self;
+        let front = Share { rows_of_a_block, first_block, stressed, rows, force, torque, blocks };
         let back = Share {
-            size,
+            rows_of_a_block,
             first_block: first_block + half,
-            first_contact: first_contact + cut,
             stressed,
-            pairs: more_pairs,
-            shear: more_shear,
-            more: more_more,
+            rows: more_rows,
             force: more_force,
             torque: more_torque,
             blocks: more_blocks,
@@ -193,49 +183,57 @@ impl Share<'_> {
     fn run_lanes<L: ContactLaw, const MORE: bool>(mut self, law: &L, surroundings: &Surroundings, last: f64) {
         self.begin();
         let mut batch = Batch::new();
-        for start in (0..self.pairs.len()).step_by(BATCH) {
-            let end = (start + BATCH).min(self.pairs.len());
-            for k in start..end {
-                if MORE && is_part(self.pairs[k][1]) {
-                    put_part(&mut batch, k - start, surroundings, self.pairs[k], self.shear[k]);
-                } else {
-                    batch.put(k - start, &surroundings.near_with::<false>(self.pairs[k]), self.shear[k]);
-                }
-            }
-            batch.compute(law, last);
-            for k in start..end {
-                let lane = batch.lane(k - start);
-                if lane.overlap > 0.0 {
-                    self.shear[k] = lane.shear;
-                    if MORE && self.stressed {
-                        self.strain(self.pairs[k], lane.force, lane.levers, batch.branch(k - start));
+        for row in std::mem::take(&mut self.rows) {
+            let (pairs, shear) = (&row.pairs[..], &mut row.shear[..row.pairs.len()]);
+            for start in (0..pairs.len()).step_by(BATCH) {
+                let end = (start + BATCH).min(pairs.len());
+                for k in start..end {
+                    if MORE && is_part(pairs[k][1]) {
+                        put_part(&mut batch, k - start, surroundings, pairs[k], shear[k]);
+                    } else {
+                        batch.put(k - start, &surroundings.near_with::<false>(pairs[k]), shear[k]);
                     }
-                    self.give::<MORE>(self.pairs[k], lane.force, lane.turning, lane.levers, DVec3::ZERO);
-                } else {
-                    self.part(k);
+                }
+                batch.compute(law, last);
+                for k in start..end {
+                    let lane = batch.lane(k - start);
+                    if lane.overlap > 0.0 {
+                        shear[k] = lane.shear;
+                        if MORE && self.stressed {
+                            self.strain(pairs[k], lane.force, lane.levers, batch.branch(k - start));
+                        }
+                        self.give::<MORE>(pairs[k], lane.force, lane.turning, lane.levers, DVec3::ZERO);
+                    } else {
+                        self.end(k);
+                    }
                 }
             }
+            self.part(row);
         }
     }
 
     /// Any law, looked up pair by pair.
     fn run_each(mut self, surroundings: &Surroundings, last: f64) {
         self.begin();
-        for k in 0..self.pairs.len() {
-            let (law, touch) = (surroundings.law(self.pairs[k]), surroundings.touch(self.pairs[k]));
-            let mut memory = Memory { shear: self.shear[k], more: self.more[k] };
-            memory.turn(touch.normal, touch.twist * last);
-            let load = law.load(&touch, &mut memory, last);
-            if !law.holds(&touch, &memory) {
-                self.part(k);
-                continue;
+        for row in std::mem::take(&mut self.rows) {
+            for k in 0..row.pairs.len() {
+                let pair = row.pairs[k];
+                let (law, touch, mut memory) =
+                    (surroundings.law(pair), surroundings.touch(pair), row.memory(k));
+                memory.turn(touch.normal, touch.twist * last);
+                let load = law.load(&touch, &mut memory, last);
+                if !law.holds(&touch, &memory) {
+                    self.end(k);
+                    continue;
+                }
+                (row.shear[k], row.more[k]) = (memory.shear, memory.more);
+                let turning = touch.normal.cross(load.force);
+                if self.stressed {
+                    self.strain(pair, load.force, touch.levers(), touch.normal);
+                }
+                self.give::<true>(pair, load.force, turning, touch.levers(), load.moment);
             }
-            (self.shear[k], self.more[k]) = (memory.shear, memory.more);
-            let turning = touch.normal.cross(load.force);
-            if self.stressed {
-                self.strain(self.pairs[k], load.force, touch.levers(), touch.normal);
-            }
-            self.give::<true>(self.pairs[k], load.force, turning, touch.levers(), load.moment);
+            self.part(row);
         }
     }
 
@@ -263,8 +261,18 @@ impl Share<'_> {
         self.blocks[0].virial -= DMat3::from_cols(force * branch.x, force * branch.y, force * branch.z);
     }
 
-    fn part(&mut self, k: usize) {
-        self.blocks[0].parted.push((self.first_contact + k) as u32);
+    fn end(&mut self, k: usize) {
+        self.blocks[0].ended.push(k as u32);
+    }
+
+    /// Takes the pairs that have parted out of their row.
+    fn part(&mut self, row: &mut Row) {
+        let Block { ended, parted, .. } = &mut self.blocks[0];
+        // Where grains meet walls that the case adds is found anew in every step.
+        let pairs = ended.iter().map(|&k| row.pairs[k as usize]);
+        parted.extend(pairs.filter(|pair| !is_part(pair[1])));
+        row.remove(ended);
+        ended.clear();
     }
 
     /// Adds a force and a moment to the first of the pair and the opposite to the second; `turning`, `n x F`, times a lever
@@ -278,7 +286,7 @@ impl Share<'_> {
         levers: [f64; 2],
         moment: DVec3,
     ) {
-        let offset = self.first_block * self.size;
+        let offset = self.first_block * self.rows_of_a_block * ROW;
         let i = pair[0] as usize - offset;
         self.force[i] += force;
         self.torque[i] += levers[0] * turning + moment;
@@ -305,32 +313,4 @@ impl Share<'_> {
 #[inline(never)]
 fn put_part(batch: &mut Batch, lane: usize, surroundings: &Surroundings, pair: [u32; 2], shear: DVec3) {
     batch.put(lane, &surroundings.near(pair), shear);
-}
-
-/// Takes the pairs that parted out of the contacts and back among the near ones.
-fn remove_parted(contacts: &mut Contacts, scratch: &mut Scratch) {
-    let mut parted = scratch.blocks.iter().flat_map(|block| &block.parted).map(|&k| k as usize).peekable();
-    let Some(&first) = parted.peek() else { return };
-    let mut kept = first;
-    for k in first..contacts.pairs.len() {
-        if parted.next_if_eq(&k).is_some() {
-            // Where grains meet walls that the case adds is found anew in every step.
-            if !is_part(contacts.pairs[k][1]) {
-                scratch.soon.push(contacts.pairs[k]);
-            }
-        } else {
-            contacts.pairs[kept] = contacts.pairs[k];
-            contacts.shear[kept] = contacts.shear[k];
-            if let Some(more) = &mut contacts.more {
-                more[kept] = more[k];
-            }
-            kept += 1;
-        }
-    }
-    contacts.pairs.truncate(kept);
-    contacts.shear.truncate(kept);
-    if let Some(more) = &mut contacts.more {
-        more.truncate(kept);
-    }
-    scratch.known = kept;
 }

@@ -1,10 +1,12 @@
 //! The battery every contact law has to pass.
 
+use super::memory::ROW;
 use super::*;
 use crate::boundary::{Domain, Face, Solid};
 use crate::grains::{Grains, Loads};
 use glam::{DMat3, DQuat, DVec3};
 use porograin_geometry::Neighbours;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One of each law, stiff enough in shear and with enough friction for every term to count.
 fn laws() -> Vec<Law> {
@@ -95,13 +97,13 @@ fn moved(law: &Law, wall: bool, shear: DVec3, change: &[(DVec3, DVec3)]) -> (Loa
         grains.velocity[k] = *shift;
         grains.spin[k] = *turn;
     }
-    let mut contacts = Contacts { pairs: vec![pair], shear: vec![shear], ..Contacts::default() };
+    let mut contacts = Contacts::new([(pair, shear)]);
     let (faces, domain, laws) = (faces(), domain(), Laws::from(law.clone()));
     let around = Surroundings::new(&grains, &domain, &faces, &[], &laws);
     let mut loads = Loads::default();
     loads.clear(grains.len());
     add(&mut loads, &mut contacts, &around, 1.0, &mut Scratch::default());
-    let energy = law.energy(&around.touch(pair), &contacts.memory(0));
+    let energy = law.energy(&around.touch(pair), &contacts.rows[0].memory(0));
     (loads, energy)
 }
 
@@ -267,7 +269,7 @@ fn the_memory_turns_with_a_rigidly_turning_pair() {
         let centre = grains.position[0];
         let arm = grains.position[1] - centre;
         let start = 100.0 * arm.normalize().any_orthonormal_vector();
-        let mut contacts = Contacts { pairs: vec![pair], shear: vec![start], ..Contacts::default() };
+        let mut contacts = Contacts::new([(pair, start)]);
         let mut loads = Loads::default();
         for k in 1..=steps {
             let at = |k: usize| centre + DQuat::from_scaled_axis(axis * k as f64 / steps as f64) * arm;
@@ -279,7 +281,7 @@ fn the_memory_turns_with_a_rigidly_turning_pair() {
             add(&mut loads, &mut contacts, &around, 1.0 / steps as f64, &mut Scratch::default());
         }
         let expected = DQuat::from_scaled_axis(axis) * start;
-        (contacts.shear[0] - expected).length() / start.length()
+        (contacts.rows[0].shear[0] - expected).length() / start.length()
     };
     let (coarse, fine) = (error(2000), error(4000));
     assert!(fine < 0.02 && fine < 0.6 * coarse, "{coarse} {fine}");
@@ -354,15 +356,48 @@ fn a_common_velocity_and_a_turned_frame_change_nothing() {
     }
 }
 
+/// Who stays keeps what it remembers, whoever comes and goes; as a map would do it.
+#[test]
+fn contacts_remember_while_others_come_and_go() {
+    let mut next = Numbers(5);
+    let mut contacts = Contacts::default();
+    contacts.remember(&rich_laws()[0].clone().into());
+    contacts.cover(3 * ROW);
+    let mut known = BTreeMap::new();
+    for round in 0..200 {
+        let mut number = |below: usize| (next.next() * below as f64) as u32;
+        let pairs = (0..40).map(|_| [number(3 * ROW), number(5)]).filter(|pair| !known.contains_key(pair));
+        let born: Vec<[u32; 2]> = pairs.collect::<BTreeSet<_>>().into_iter().collect();
+        contacts.insert(&born);
+        known.extend(born.iter().map(|&pair| (pair, Memory::default())));
+        for row in &mut contacts.rows {
+            let parted: Vec<u32> = (0..row.pairs.len() as u32).filter(|_| number(100) < round / 4).collect();
+            parted.iter().for_each(|&k| _ = known.remove(&row.pairs[k as usize]));
+            row.remove(&parted);
+        }
+        assert!(contacts.iter().eq(known.iter().map(|(pair, memory)| (*pair, *memory))), "{round}");
+        assert_eq!(contacts.len(), known.len());
+        let mut told = f64::from(round);
+        for row in &mut contacts.rows {
+            for k in 0..row.pairs.len() {
+                told += 1.0;
+                (row.shear[k].y, row.more[k].twist) = (told, 2.0 * told);
+                known.insert(row.pairs[k], row.memory(k));
+            }
+        }
+    }
+    assert!(known.len() > 20, "{}", known.len());
+}
+
 #[test]
 fn pairs_enter_and_leave_in_order() {
     let laws = Laws::from(rich_laws()[0].clone());
-    let (mut grains, mut contacts, _) = cluster(400, true, 11);
+    let (mut grains, mut contacts, _) = cluster(1200, true, 11);
     let (faces, domain, mut scratch) = (faces(), domain(), Scratch::default());
     let mut near = Neighbours::default();
     let (mut entered, mut left) = (0, 0);
     for _ in 0..60 {
-        let before = contacts.pairs.clone();
+        let before: Vec<_> = contacts.pairs().collect();
         let rebuilt = near.refresh(&domain.cell, &grains.position, &grains.radius, 0.0);
         let around = Surroundings::new(&grains, &domain, &faces, &[], &laws);
         follow(&mut contacts, &around, &near, rebuilt, &mut scratch);
@@ -371,11 +406,12 @@ fn pairs_enter_and_leave_in_order() {
         add(&mut loads, &mut contacts, &around, 1e-4, &mut scratch);
         let all: Vec<_> =
             near.pairs.iter().copied().filter(|&pair| around.touch(pair).overlap > 0.0).collect();
-        assert_eq!(contacts.pairs, all);
-        assert_eq!(contacts.shear.len(), all.len());
-        assert_eq!(contacts.more.as_ref().map(Vec::len), Some(all.len()));
-        entered += all.iter().filter(|pair| !before.contains(pair)).count();
-        left += before.iter().filter(|pair| !all.contains(pair)).count();
+        assert!(contacts.pairs().eq(all.iter().copied()));
+        for row in &contacts.rows {
+            assert_eq!([row.shear.len(), row.more.len()], [row.pairs.len(); 2]);
+        }
+        entered += all.iter().filter(|pair| before.binary_search(pair).is_err()).count();
+        left += before.iter().filter(|pair| all.binary_search(pair).is_err()).count();
         for k in 0..grains.len() {
             grains.position[k] += 1e-3 * grains.velocity[k];
         }

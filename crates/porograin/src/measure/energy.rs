@@ -1,7 +1,7 @@
 //! Energies, and how far from rest.
 
 use super::contact_forces;
-use crate::contact::{ContactLaw, Surroundings};
+use crate::contact::{ContactLaw, Memory, Surroundings};
 use crate::grains::{Grains, Loads};
 use crate::model::Model;
 use crate::state::State;
@@ -31,11 +31,11 @@ pub fn kinetic_energy_at(grains: &Grains, velocity: &[DVec3]) -> f64 {
 /// Energy stored in the contacts [J].
 pub fn elastic_energy(state: &State, model: &Model) -> f64 {
     let around = Surroundings::new(&state.grains, &state.domain, &model.faces, &model.walls, &model.contact);
-    let energy = |(k, &pair): (usize, &[u32; 2])| {
-        let (law, touch, memory) = (around.law(pair), around.touch(pair), state.contacts.memory(k));
+    let energy = |(pair, memory): ([u32; 2], Memory)| {
+        let (law, touch) = (around.law(pair), around.touch(pair));
         law.holds(&touch, &memory).then(|| law.energy(&touch, &memory))
     };
-    state.contacts.pairs.iter().enumerate().filter_map(energy).sum()
+    state.contacts.iter().filter_map(energy).sum()
 }
 
 /// Mean resultant on a grain over mean contact force (Catalano 2.16): how far the packing is from equilibrium [-].

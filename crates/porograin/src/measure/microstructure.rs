@@ -14,8 +14,7 @@ pub fn porosity(state: &State) -> f64 {
 
 /// Mean number of contacts per grain, those with walls included [-].
 pub fn coordination(state: &State) -> f64 {
-    let ends: usize =
-        state.contacts.pairs.iter().map(|pair| if wall(pair[1]).is_some() { 1 } else { 2 }).sum();
+    let ends: usize = state.contacts.pairs().map(|pair| if wall(pair[1]).is_some() { 1 } else { 2 }).sum();
     ends as f64 / state.grains.len().max(1) as f64
 }
 
@@ -45,7 +44,7 @@ pub fn carrying(state: &State) -> Vec<bool> {
     let n = state.grains.len();
     let mut holds = vec![0_u32; n];
     let mut partners = vec![Vec::new(); n];
-    for &[i, j] in &state.contacts.pairs {
+    for [i, j] in state.contacts.pairs() {
         holds[i as usize] += 1;
         if wall(j).is_none() {
             holds[j as usize] += 1;

@@ -35,8 +35,8 @@ pub fn contact_forces<'a>(
     model: &'a Model,
 ) -> impl Iterator<Item = ([u32; 2], Touch, DVec3)> + 'a {
     let around = Surroundings::new(&state.grains, &state.domain, &model.faces, &model.walls, &model.contact);
-    state.contacts.pairs.iter().enumerate().filter_map(move |(k, &pair)| {
-        let (law, touch, mut memory) = (around.law(pair), around.touch(pair), state.contacts.memory(k));
+    state.contacts.iter().filter_map(move |(pair, mut memory)| {
+        let (law, touch) = (around.law(pair), around.touch(pair));
         law.holds(&touch, &memory).then(|| (pair, touch, law.load(&touch, &mut memory, 0.0).force))
     })
 }

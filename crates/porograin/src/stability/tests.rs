@@ -59,7 +59,7 @@ fn largest(state: &State, model: &Model) -> f64 {
     let mut value = 0.0;
     for _ in 0..2000 {
         let mut next = vec![(DVec3::ZERO, DVec3::ZERO); n];
-        for &pair in &state.contacts.pairs {
+        for pair in state.contacts.pairs() {
             let touch = around.touch(pair);
             let (k, n, levers) = (law.stiffness(&touch), touch.normal, touch.levers());
             let i = pair[0] as usize;

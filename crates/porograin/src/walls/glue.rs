@@ -47,7 +47,7 @@ fn follow(domain: &mut Domain, contacts: &Contacts, model: &Model) {
     }
     let before = std::mem::replace(&mut glue.on, wanted().collect());
     glue.grains.retain(|pair| glue.on[pair[1] as usize]);
-    for &[first, second] in &contacts.pairs {
+    for [first, second] in contacts.pairs() {
         let body = match wall(second) {
             None => continue,
             Some(6..) => 6 + find(&model.walls, second).0,
