@@ -3,7 +3,7 @@
 
 use crate::order::{landmarks, nested_dissection};
 use crate::packed::Packed;
-use crate::vector::power_below;
+use crate::vector::{Sums, dot, power_below};
 use crate::{Error, Matrix, Preconditioner};
 use faer::Par;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -136,13 +136,14 @@ impl Cholesky {
 }
 
 impl Preconditioner for Cholesky {
-    fn apply(&mut self, r: &[f64], z: &mut [f64]) {
-        let Some(down) = power_below(r) else {
+    fn apply(&mut self, r: &[f64], size: f64, z: &mut [f64], sums: &mut Sums) -> f64 {
+        let Some(down) = power_below(size) else {
             z.copy_from_slice(r);
-            return;
+            return size * size;
         };
         let up = self.scale / down;
         self.packed.solve(|i| (r[i] * down) as f32, |i, found| z[i] = f64::from(found) * up);
+        dot(z, r, sums)
     }
 }
 

@@ -11,23 +11,24 @@ pub trait Operator {
     /// `y = A x`; both of length n, every entry of `y` written.
     fn apply(&mut self, x: &[f64], y: &mut [f64]);
 
-    /// `r = b - A x`, returning `r · r`; `sums` is room for sums over chunks.
-    fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
+    /// `r = b - A x`, returning `[r · r, b · b]`; `sums` is room for sums over chunks.
+    fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Sums) -> [f64; 2] {
         self.apply(x, r);
         vector::residual(b, r, sums)
     }
 
-    /// `q = A p`, returning `p · q`; `sums` is room for sums over chunks.
-    fn apply_dot(&mut self, p: &[f64], q: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
+    /// `q = A p`, returning `[p · q, r · q, q · q]`; `sums` is room for sums over chunks.
+    fn apply_dots(&mut self, p: &[f64], r: &[f64], q: &mut [f64], sums: &mut Sums) -> [f64; 3] {
         self.apply(p, q);
-        vector::dot(p, q, sums)
+        vector::three_dots(p, r, q, sums)
     }
 }
 
 /// An approximate inverse of an operator, symmetric positive definite up to rounding.
 pub trait Preconditioner {
-    /// `z = M⁻¹ r`; both of length n, every entry of `z` written.
-    fn apply(&mut self, r: &[f64], z: &mut [f64]);
+    /// `z = M⁻¹ r`, returning `z · r`; both of length n, every entry of `z` written. `size` is the norm of `r`; `sums` is room
+    /// for sums over chunks.
+    fn apply(&mut self, r: &[f64], size: f64, z: &mut [f64], sums: &mut Sums) -> f64;
 }
 
 /// Scratch vectors; kept between solves so that a settled solve allocates nothing.
@@ -46,6 +47,9 @@ const RESTARTS: usize = 4;
 /// From this tolerance on the residual kept by recurrence counts: over the iterations it takes, rounding moves it by `‖A‖ ‖x‖`
 /// times 10⁻¹⁶ each, far below. Tighter, the residual is computed again before success is declared.
 const LOOSE: f64 = 1e-7;
+
+/// The norm of the next residual is known from products with this one before it is computed, unless it is smaller by more than this.
+const FORESEEN: f64 = 1e-6;
 
 /// Solves `A x = b` from the start in `x` until `‖b - A x‖ ≤ tolerance max(‖b‖, floor)` (Euclidean norms).
 ///
@@ -69,25 +73,21 @@ pub fn conjugate_gradients(
         v.resize(n, 0.0);
     }
 
-    let size = vector::dot(b, b, sums).sqrt();
-    let scale = size.max(params.floor);
-    if !size.is_finite() {
-        check_finite(b, x)?;
-    }
-    if scale == 0.0 {
-        x.fill(0.0);
-        return Ok(Info { method: params.method, iterations: 0, residual: 0.0 });
-    }
-    let target = params.tolerance * scale;
     let mut iterations = 0;
     let mut last = f64::INFINITY;
     let mut restarts = 0;
     loop {
-        let mut norm = operator.residual(b, x, r, sums).sqrt();
-        if !norm.is_finite() || !scale.is_finite() {
+        let [mut rr, bb] = operator.residual(b, x, r, sums);
+        let (mut norm, scale) = (rr.sqrt(), bb.sqrt().max(params.floor));
+        if !norm.is_finite() || !bb.is_finite() || !scale.is_finite() {
             check_finite(b, x)?;
             return Err(Error::NotPositive { node: None });
         }
+        if scale == 0.0 {
+            x.fill(0.0);
+            return Ok(Info { method: params.method, iterations: 0, residual: 0.0 });
+        }
+        let target = params.tolerance * scale;
         if norm <= target {
             return Ok(Info { method: params.method, iterations, residual: norm / scale });
         }
@@ -97,26 +97,31 @@ pub fn conjugate_gradients(
         }
         last = norm;
 
-        preconditioner.apply(r, p);
-        let mut rz = vector::dot(p, r, sums);
+        let mut rz = preconditioner.apply(r, norm, p, sums);
         while norm > target && iterations < params.max_iterations {
-            let pq = operator.apply_dot(p, q, sums);
+            let [pq, rq, qq] = operator.apply_dots(p, r, q, sums);
             if !(rz > 0.0 && pq > 0.0) {
                 return Err(Error::NotPositive { node: None });
             }
             let alpha = rz / pq;
-            norm = vector::advance(alpha, p, q, x, r, sums).sqrt();
             iterations += 1;
-            if norm <= target {
+            // `‖r - alpha q‖`: where that is small enough already, nobody needs the residual itself.
+            let next = (rr - 2.0 * alpha * rq + alpha * alpha * qq).max(0.0).sqrt();
+            if next <= target && target >= FORESEEN * norm {
+                vector::add(alpha, p, x);
                 if params.tolerance >= LOOSE && iterations <= RESTARTS {
-                    return Ok(Info { method: params.method, iterations, residual: norm / scale });
+                    return Ok(Info { method: params.method, iterations, residual: next / scale });
                 }
                 break;
             }
-            preconditioner.apply(r, z);
-            let [zr, zq] = vector::dots(z, r, q, sums);
+            rr = vector::advance(alpha, p, q, x, r, sums);
+            norm = rr.sqrt();
+            if norm <= target {
+                break;
+            }
+            let zr = preconditioner.apply(r, norm, z, sums);
             // z·(r - r_old) = -alpha z·q: Polak-Ribière, which forgives an inexact preconditioner.
-            let beta = -alpha * zq / rz;
+            let beta = -alpha * vector::dot(z, q, sums) / rz;
             rz = zr;
             vector::direction(beta, z, p);
         }

@@ -7,7 +7,7 @@
 use crate::Matrix;
 use crate::aggregate::{NONE, Rows, Sparse};
 use crate::clusters::{LARGEST, Star, clusters};
-use crate::vector::{CHUNK, alone, each};
+use crate::vector::{CHUNK, Sums, alone, chunk_dot, each, each_and_sum};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -273,8 +273,8 @@ impl Finest {
         self.x = x;
     }
 
-    /// Ends the cycle with the correction of the clusters: the answer, times `factor`, goes to `z`.
-    pub fn up(&mut self, correction: &[f32], factor: f64, z: &mut [f64]) {
+    /// Ends the cycle with the correction of the clusters: the answer, times `factor`, goes to `z`. Returns `z · r`.
+    pub fn up(&mut self, correction: &[f32], factor: f64, r: &[f64], z: &mut [f64], sums: &mut Sums) -> f64 {
         let (mut x, mut raised) = (std::mem::take(&mut self.x), std::mem::take(&mut self.raised));
         each(&mut raised, |k| x[k] + correction[self.owner[k] as usize]);
         self.by_part(
@@ -299,11 +299,13 @@ impl Finest {
         );
         // Only here do the two parts meet, in double precision: `e` is smooth and large, `x` differs along the strong throats by what
         // rounding `e` to single precision would drown.
-        each(z, |i| {
+        let answer = |i: usize| {
             let e = correction[self.cluster[i] as usize];
             (f64::from(e) + f64::from(x[self.place[i] as usize])) * factor
-        });
+        };
+        let [zr, ..] = each_and_sum(z, sums, answer, |range, z| [chunk_dot(&r[range], z), 0.0, 0.0]);
         (self.x, self.raised) = (x, raised);
+        zr
     }
 
     /// `x = D⁻¹ x` for the nodes of one part.

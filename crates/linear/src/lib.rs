@@ -36,3 +36,4 @@ pub use conjugate_gradients::{Operator, Preconditioner, Work, conjugate_gradient
 pub use error::Error;
 pub use matrix::{Components, FIXED, Matrix, components};
 pub use solver::{Info, Method, Params, Setup, Solver};
+pub use vector::Sums;

@@ -2,7 +2,7 @@
 
 use crate::Error;
 use crate::conjugate_gradients::Operator;
-use crate::vector;
+use crate::vector::{self, Sums};
 
 /// As the second end of a throat: a pore whose pressure is given. Its conductance then goes to the diagonal only;
 /// the caller adds conductance times pressure to the right-hand side.
@@ -196,12 +196,19 @@ impl Operator for &Matrix {
         vector::each(y, |i| self.product(i, x));
     }
 
-    fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
-        vector::each_and_sum(r, sums, |i| b[i] - self.product(i, x), |_, r| vector::chunk_dot(r, r))
+    fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Sums) -> [f64; 2] {
+        let both = |range: std::ops::Range<usize>, r: &[f64]| {
+            let b = &b[range];
+            [vector::chunk_dot(r, r), vector::chunk_dot(b, b), 0.0]
+        };
+        let [rr, bb, _] = vector::each_and_sum(r, sums, |i| b[i] - self.product(i, x), both);
+        [rr, bb]
     }
 
-    fn apply_dot(&mut self, p: &[f64], q: &mut [f64], sums: &mut Vec<[f64; 2]>) -> f64 {
-        vector::each_and_sum(q, sums, |i| self.product(i, p), |range, q| vector::chunk_dot(&p[range], q))
+    fn apply_dots(&mut self, p: &[f64], r: &[f64], q: &mut [f64], sums: &mut Sums) -> [f64; 3] {
+        let three =
+            |range: std::ops::Range<usize>, q: &[f64]| vector::chunk_dots(&p[range.clone()], &r[range], q);
+        vector::each_and_sum(q, sums, |i| self.product(i, p), three)
     }
 }
 

@@ -10,7 +10,7 @@
 use crate::aggregate::{Rows, Sparse};
 use crate::cholesky::Cholesky;
 use crate::finest::Finest;
-use crate::vector::{by_part, each, power_below};
+use crate::vector::{Sums, by_part, each, power_below};
 use crate::{Error, Matrix, Preconditioner};
 use glam::DVec3;
 
@@ -263,17 +263,17 @@ fn cycle(levels: &mut [Level], bottom: &mut Bottom) {
 }
 
 impl Preconditioner for Multigrid {
-    fn apply(&mut self, r: &[f64], z: &mut [f64]) {
+    fn apply(&mut self, r: &[f64], size: f64, z: &mut [f64], sums: &mut Sums) -> f64 {
         let Multigrid { finest, levels, bottom, scale } = self;
-        let Some(down) = power_below(r) else {
+        let Some(down) = power_below(size) else {
             z.copy_from_slice(r);
-            return;
+            return size * size;
         };
         let clusters = levels.first_mut().map_or(&mut bottom.b, |level| &mut level.b);
         finest.down(r, down, clusters);
         cycle(levels, bottom);
         let correction = levels.first().map_or(&bottom.x, |level| &level.x);
-        finest.up(correction, *scale / down, z);
+        finest.up(correction, *scale / down, r, z, sums)
     }
 }
 

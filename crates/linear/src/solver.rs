@@ -3,6 +3,7 @@
 use crate::cholesky::Cholesky;
 use crate::gauss_seidel::gauss_seidel;
 use crate::multigrid::Multigrid;
+use crate::vector::Sums;
 use crate::{Error, Matrix, Operator, Preconditioner, Work, components, conjugate_gradients};
 use glam::DVec3;
 use std::time::Instant;
@@ -235,17 +236,20 @@ impl Solver {
 
 /// One application approximates the inverse of the matrix of the last refresh.
 impl Preconditioner for Solver {
-    fn apply(&mut self, r: &[f64], z: &mut [f64]) {
-        self.machine.apply(r, z);
+    fn apply(&mut self, r: &[f64], size: f64, z: &mut [f64], sums: &mut Sums) -> f64 {
+        self.machine.apply(r, size, z, sums)
     }
 }
 
 impl Preconditioner for Machine {
-    fn apply(&mut self, r: &[f64], z: &mut [f64]) {
+    fn apply(&mut self, r: &[f64], size: f64, z: &mut [f64], sums: &mut Sums) -> f64 {
         match self {
-            Machine::Cholesky(cholesky) => cholesky.apply(r, z),
-            Machine::Multigrid(multigrid) => multigrid.apply(r, z),
-            Machine::GaussSeidel => z.copy_from_slice(r),
+            Machine::Cholesky(cholesky) => cholesky.apply(r, size, z, sums),
+            Machine::Multigrid(multigrid) => multigrid.apply(r, size, z, sums),
+            Machine::GaussSeidel => {
+                z.copy_from_slice(r);
+                size * size
+            }
         }
     }
 }

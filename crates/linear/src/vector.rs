@@ -18,16 +18,16 @@ pub fn each<T: Send>(y: &mut [T], f: impl Fn(usize) -> T + Sync) {
     by_part(y, CHUNK, |start, y| y.iter_mut().enumerate().for_each(|(k, y)| *y = f(start + k)));
 }
 
-/// Scratch for the sums of the chunks.
-pub type Sums = Vec<[f64; 2]>;
+/// Room for the sums of the chunks of a vector, up to three at a time.
+pub type Sums = Vec<[f64; 3]>;
 
-fn total(sums: &Sums) -> [f64; 2] {
-    sums.iter().fold([0.0; 2], |s, c| [s[0] + c[0], s[1] + c[1]])
+fn total(sums: &Sums) -> [f64; 3] {
+    sums.iter().fold([0.0; 3], |s, c| [s[0] + c[0], s[1] + c[1], s[2] + c[2]])
 }
 
 /// Adds up `f(range)` over the chunks of `0..n`.
-fn reduce(n: usize, sums: &mut Sums, f: impl Fn(std::ops::Range<usize>) -> [f64; 2] + Sync) -> [f64; 2] {
-    sums.resize(n.div_ceil(CHUNK), [0.0; 2]);
+fn reduce(n: usize, sums: &mut Sums, f: impl Fn(std::ops::Range<usize>) -> [f64; 3] + Sync) -> [f64; 3] {
+    sums.resize(n.div_ceil(CHUNK), [0.0; 3]);
     let chunk = |c: usize| f(c * CHUNK..n.min((c + 1) * CHUNK));
     if alone(n) {
         sums.iter_mut().enumerate().for_each(|(c, s)| *s = chunk(c));
@@ -59,37 +59,40 @@ fn interleaved(n: usize, f: impl Fn(usize) -> f64) -> f64 {
 pub fn dot(a: &[f64], b: &[f64], sums: &mut Sums) -> f64 {
     reduce(a.len(), sums, |range| {
         let (a, b) = (&a[range.clone()], &b[range]);
-        [interleaved(a.len(), |k| a[k] * b[k]), 0.0]
+        [interleaved(a.len(), |k| a[k] * b[k]), 0.0, 0.0]
     })[0]
 }
 
-/// `[z · r, z · q]`.
-pub fn dots(z: &[f64], r: &[f64], q: &[f64], sums: &mut Sums) -> [f64; 2] {
-    reduce(z.len(), sums, |range| {
-        let (z, r, q) = (&z[range.clone()], &r[range.clone()], &q[range]);
-        [interleaved(z.len(), |k| z[k] * r[k]), interleaved(z.len(), |k| z[k] * q[k])]
-    })
+/// `[p · q, r · q, q · q]`.
+pub fn three_dots(p: &[f64], r: &[f64], q: &[f64], sums: &mut Sums) -> [f64; 3] {
+    reduce(q.len(), sums, |range| chunk_dots(&p[range.clone()], &r[range.clone()], &q[range]))
 }
 
-/// `y = f(range)` by chunks, adding up `sum(range, y)` while the chunk is at hand.
+/// `[p · q, r · q, q · q]` of one chunk.
+#[inline(always)]
+pub fn chunk_dots(p: &[f64], r: &[f64], q: &[f64]) -> [f64; 3] {
+    [chunk_dot(p, q), chunk_dot(r, q), chunk_dot(q, q)]
+}
+
+/// `y[i] = f(i)` by chunks, adding up `sum(range, y)` while the chunk is at hand.
 pub fn each_and_sum(
     y: &mut [f64],
     sums: &mut Sums,
     f: impl Fn(usize) -> f64 + Sync,
-    sum: impl Fn(std::ops::Range<usize>, &[f64]) -> f64 + Sync,
-) -> f64 {
-    sums.resize(y.len().div_ceil(CHUNK), [0.0; 2]);
-    let chunk = |(c, (s, y)): (usize, (&mut [f64; 2], &mut [f64]))| {
+    sum: impl Fn(std::ops::Range<usize>, &[f64]) -> [f64; 3] + Sync,
+) -> [f64; 3] {
+    sums.resize(y.len().div_ceil(CHUNK), [0.0; 3]);
+    let chunk = |(c, (s, y)): (usize, (&mut [f64; 3], &mut [f64]))| {
         let start = c * CHUNK;
         y.iter_mut().enumerate().for_each(|(k, y)| *y = f(start + k));
-        *s = [sum(start..start + y.len(), y), 0.0];
+        *s = sum(start..start + y.len(), y);
     };
     if alone(y.len()) {
         sums.iter_mut().zip(y.chunks_mut(CHUNK)).enumerate().for_each(chunk);
     } else {
         sums.par_iter_mut().zip(y.par_chunks_mut(CHUNK)).enumerate().for_each(chunk);
     }
-    total(sums)[0]
+    total(sums)
 }
 
 /// `a · b` of one chunk.
@@ -100,12 +103,12 @@ pub fn chunk_dot(a: &[f64], b: &[f64]) -> f64 {
     interleaved(n, |k| a[k] * b[k])
 }
 
-/// `r = b - r`, returning `r · r`.
-pub fn residual(b: &[f64], r: &mut [f64], sums: &mut Sums) -> f64 {
-    sums.resize(b.len().div_ceil(CHUNK), [0.0; 2]);
+/// `r = b - r`, returning `[r · r, b · b]`.
+pub fn residual(b: &[f64], r: &mut [f64], sums: &mut Sums) -> [f64; 2] {
+    sums.resize(b.len().div_ceil(CHUNK), [0.0; 3]);
     let chunk = |(b, r): (&[f64], &mut [f64])| {
         r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
-        [interleaved(r.len(), |k| r[k] * r[k]), 0.0]
+        [chunk_dot(r, r), chunk_dot(b, b), 0.0]
     };
     if alone(b.len()) {
         sums.iter_mut().zip(b.chunks(CHUNK).zip(r.chunks_mut(CHUNK))).for_each(|(s, c)| *s = chunk(c));
@@ -114,16 +117,17 @@ pub fn residual(b: &[f64], r: &mut [f64], sums: &mut Sums) -> f64 {
             .zip(b.par_chunks(CHUNK).zip(r.par_chunks_mut(CHUNK)))
             .for_each(|(s, c)| *s = chunk(c));
     }
-    total(sums)[0]
+    let [rr, bb, _] = total(sums);
+    [rr, bb]
 }
 
 /// `x += alpha p` and `r -= alpha q`, returning `r · r`.
 pub fn advance(alpha: f64, p: &[f64], q: &[f64], x: &mut [f64], r: &mut [f64], sums: &mut Sums) -> f64 {
-    sums.resize(x.len().div_ceil(CHUNK), [0.0; 2]);
+    sums.resize(x.len().div_ceil(CHUNK), [0.0; 3]);
     let chunk = |p: &[f64], q: &[f64], x: &mut [f64], r: &mut [f64]| {
         x.iter_mut().zip(p).for_each(|(x, p)| *x += alpha * p);
         r.iter_mut().zip(q).for_each(|(r, q)| *r -= alpha * q);
-        [interleaved(r.len(), |k| r[k] * r[k]), 0.0]
+        [interleaved(r.len(), |k| r[k] * r[k]), 0.0, 0.0]
     };
     if alone(x.len()) {
         let parts = p.chunks(CHUNK).zip(q.chunks(CHUNK)).zip(x.chunks_mut(CHUNK)).zip(r.chunks_mut(CHUNK));
@@ -139,33 +143,31 @@ pub fn advance(alpha: f64, p: &[f64], q: &[f64], x: &mut [f64], r: &mut [f64], s
     total(sums)[0]
 }
 
+/// `x += alpha p`.
+pub fn add(alpha: f64, p: &[f64], x: &mut [f64]) {
+    pairwise(p, x, |p, x| *x += alpha * p);
+}
+
 /// `p = z + beta p`.
 pub fn direction(beta: f64, z: &[f64], p: &mut [f64]) {
-    let step = |(p, z): (&mut [f64], &[f64])| p.iter_mut().zip(z).for_each(|(p, z)| *p = z + beta * *p);
-    if alone(p.len()) {
-        step((p, z));
+    pairwise(z, p, |z, p| *p = z + beta * *p);
+}
+
+/// Calls `f` with each entry of `from` and of `to`.
+fn pairwise(from: &[f64], to: &mut [f64], f: impl Fn(f64, &mut f64) + Sync) {
+    let chunk =
+        |(to, from): (&mut [f64], &[f64])| to.iter_mut().zip(from).for_each(|(to, &from)| f(from, to));
+    if alone(to.len()) {
+        chunk((to, from));
     } else {
-        p.par_chunks_mut(CHUNK).zip(z.par_chunks(CHUNK)).for_each(step);
+        to.par_chunks_mut(CHUNK).zip(from.par_chunks(CHUNK)).for_each(chunk);
     }
 }
 
-/// The power of two that brings the largest entry between one and two, for a copy in single precision, which has few
-/// exponents; nothing if all entries are zero or one is infinite.
-pub fn power_below(r: &[f64]) -> Option<f64> {
-    let larger = |a: f64, b: f64| if a > b { a } else { b };
-    let chunk = |r: &[f64]| {
-        let mut most = [0.0f64; 8];
-        let (whole, last) = r.as_chunks::<8>();
-        for r in whole {
-            for lane in 0..8 {
-                most[lane] = larger(r[lane].abs(), most[lane]);
-            }
-        }
-        most.iter().fold(last.iter().fold(0.0, |most, r| larger(r.abs(), most)), |a, &b| larger(a, b))
-    };
-    let largest =
-        if alone(r.len()) { chunk(r) } else { r.par_chunks(CHUNK).map(chunk).reduce(|| 0.0, larger) };
-    (largest > 0.0 && largest.is_finite()).then(|| largest.log2().floor().exp2().recip())
+/// The power of two that brings `size` between one and two, for a copy in single precision, which has few exponents; nothing if it is
+/// zero or infinite.
+pub fn power_below(size: f64) -> Option<f64> {
+    (size > 0.0 && size.is_finite()).then(|| size.log2().floor().exp2().recip())
 }
 
 /// Calls `f(first, part)` on the parts of `y`, `length` entries each (the last one shorter).
@@ -190,19 +192,24 @@ mod tests {
             let close = |x: f64, y: f64| assert!((x - y).abs() <= 1e-12 * n as f64, "{x} {y}");
             let mut sums = Sums::new();
             close(dot(&a, &b, &mut sums), plain(&a, &b));
-            let [ab, ac] = dots(&a, &b, &c, &mut sums);
-            close(ab, plain(&a, &b));
+            let [ac, bc, cc] = three_dots(&a, &b, &c, &mut sums);
             close(ac, plain(&a, &c));
+            close(bc, plain(&b, &c));
+            close(cc, plain(&c, &c));
             let mut r = c.clone();
-            let rr = residual(&b, &mut r, &mut sums);
+            let [rr, bb] = residual(&b, &mut r, &mut sums);
             assert!((0..n).all(|i| r[i] == b[i] - c[i]));
             close(rr, plain(&r, &r));
+            close(bb, plain(&b, &b));
             let (mut x, mut s) = (a.clone(), b.clone());
             let ss = advance(0.5, &b, &c, &mut x, &mut s, &mut sums);
             assert!((0..n).all(|i| x[i] == a[i] + 0.5 * b[i] && s[i] == b[i] - 0.5 * c[i]));
             close(ss, plain(&s, &s));
             direction(2.0, &a, &mut x);
             assert!((0..n).all(|i| x[i] == a[i] + 2.0 * (a[i] + 0.5 * b[i])));
+            let before = x.clone();
+            add(0.5, &c, &mut x);
+            assert!((0..n).all(|i| x[i] == before[i] + 0.5 * c[i]));
         }
     }
 }

@@ -165,9 +165,12 @@ fn preconditioners_are_symmetric_and_positive() {
             Solver::new(&a, &Params { method, ..Params::default() }, Some(&net.positions)).unwrap();
         let (u, v) = (noise(n, 1), noise(n, 2));
         let (mut mu, mut mv) = (vec![0.0; n], vec![0.0; n]);
-        solver.apply(&u, &mut mu);
-        solver.apply(&v, &mut mv);
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut sums = Vec::new();
+        for (u, mu) in [(&u, &mut mu), (&v, &mut mv)] {
+            let told = solver.apply(u, dot(u, u).sqrt(), mu, &mut sums);
+            assert!((told / dot(u, mu) - 1.0).abs() < 1e-12);
+        }
         let size = (dot(&u, &mu) * dot(&v, &mv)).sqrt();
         assert!(dot(&u, &mu) > 0.0 && dot(&v, &mv) > 0.0);
         let skew = (dot(&v, &mu) - dot(&u, &mv)).abs() / size;
