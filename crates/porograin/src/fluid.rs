@@ -335,8 +335,10 @@ fn former(state: &mut State, scratch: &Scratch) -> Result<Option<(Former, PoreSt
             let packing =
                 Packing { cell: &old.mesh_cell, position: &old.mesh_position, radius: &state.grains.radius };
             let recipe = &old.recipe;
-            let mesh = Mesh::new(packing, &recipe.walls, recipe.conductance, recipe.viscosity)
+            let mut mesh = Mesh::new(packing, &recipe.walls, recipe.conductance, recipe.viscosity)
                 .map_err(|error| StepError::Fluid(format!("the pores cannot be meshed: {error}")))?;
+            // Which nodes are held rules their numbers.
+            recipe.places.apply(packing, &mut mesh);
             Former { triangulation: mesh.triangulation, node: mesh.node }
         }
     };

@@ -14,7 +14,7 @@ use crate::motion::Velocities;
 use glam::DMat3;
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::triangulation::wall;
-use porograin_linear::{Error, FIXED, Info, Matrix, Operator};
+use porograin_linear::{Error, Info, Matrix, Operator};
 use serde::{Deserialize, Serialize};
 
 /// Relative residual of an implicit step, unless the case says otherwise.
@@ -78,12 +78,12 @@ pub struct Room {
 impl Room {
     /// Adds `k M⁻¹ S p` of the held pressures alone to the velocities.
     pub fn push_held(&mut self, mesh: &Mesh, mobility: &Mobility, pressure: &[f64], out: &mut Velocities) {
-        self.push(mesh, mobility, pressure, |node| mesh.unknown[node] == FIXED, out);
+        self.push(mesh, mobility, pressure, |node| node >= mesh.unknowns, out);
     }
 
     /// Adds `k M⁻¹ S p` of the free pressures alone to the velocities.
     pub fn push_free(&mut self, mesh: &Mesh, mobility: &Mobility, pressure: &[f64], out: &mut Velocities) {
-        self.push(mesh, mobility, pressure, |node| mesh.unknown[node] != FIXED, out);
+        self.push(mesh, mobility, pressure, |node| node < mesh.unknowns, out);
     }
 
     fn push(
@@ -129,7 +129,7 @@ pub fn prepare(
     let stored = system.stored(memory.prepared_for);
     let mut extra = vec![0.0; system.rhs.len()];
     for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
-        let Some(sum) = extra.get_mut(system.unknown[mesh.node[pore] as usize] as usize) else { continue };
+        let Some(sum) = extra.get_mut(mesh.node[pore] as usize) else { continue };
         for (&vertex, push) in vertices.iter().zip(&mesh.push[pore]) {
             if wall(vertex).is_none() {
                 let i = vertex as usize;
@@ -159,14 +159,14 @@ pub fn solve(
     pressure: &mut [f64],
     room: &mut Room,
 ) -> Result<Info, Error> {
-    system.gather(carried, pressure);
-    let System { matrix, solver, rhs, free, unknown, .. } = &mut *system;
+    system.begin(carried, pressure);
+    let System { matrix, solver, rhs, .. } = &mut *system;
     let size = rhs.iter().map(|b| b * b).sum::<f64>().sqrt();
     memory.largest = memory.largest.max(size);
     solver.params_mut().floor = FLOOR * memory.largest;
-    let mut operator = Step { mesh, matrix, unknown, mobility, room };
-    let info = solver.solve_operator(&mut operator, rhs, free)?;
-    system.scatter(mesh, pressure);
+    let mut operator = Step { mesh, matrix, mobility, room };
+    let info = solver.solve_operator(&mut operator, rhs, &mut pressure[..rhs.len()])?;
+    system.end(mesh, pressure);
     Ok(info)
 }
 
@@ -174,7 +174,6 @@ pub fn solve(
 struct Step<'a> {
     mesh: &'a Mesh,
     matrix: &'a Matrix,
-    unknown: &'a [u32],
     mobility: &'a Mobility<'a>,
     room: &'a mut Room,
 }
@@ -187,7 +186,8 @@ impl Operator for Step<'_> {
     fn apply(&mut self, x: &[f64], y: &mut [f64]) {
         let Room { pressure, loads, velocities, carried, patches } = &mut *self.room;
         pressure.clear();
-        pressure.extend(self.unknown.iter().map(|&u| x.get(u as usize).copied().unwrap_or(0.0)));
+        pressure.extend_from_slice(x);
+        pressure.resize(self.mesh.nodes(), 0.0);
         let n = self.mobility.grains.len();
         loads.clear(n);
         self.mesh.add_loads_in(patches, pressure, loads);
@@ -196,10 +196,6 @@ impl Operator for Step<'_> {
         self.mesh.carried_with_cell(velocities, carried);
         let mut matrix = self.matrix;
         matrix.apply(x, y);
-        for (&u, &carried) in self.unknown.iter().zip(&carried.node) {
-            if u != FIXED {
-                y[u as usize] += carried;
-            }
-        }
+        y.iter_mut().zip(&carried.node).for_each(|(y, carried)| *y += carried);
     }
 }

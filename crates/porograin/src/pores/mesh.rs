@@ -10,7 +10,6 @@ use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
 use porograin_geometry::throat::{Centres, Packing, Throat, pore_volume, radical_centres, shape, throats};
 use porograin_geometry::triangulation::{FACET, FIRST_WALL, NONE, Triangulation, TriangulationError, wall};
-use porograin_linear::FIXED;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -72,7 +71,8 @@ pub struct WallFace {
     pub area: f64,
 }
 
-/// The pores, ready to carry water. A node is a pore, or several whose radical centres coincide.
+/// The pores, ready to carry water. A node is a pore, or several whose radical centres coincide. Free nodes come first, then those
+/// whose pressure is held.
 #[derive(Clone, Debug)]
 pub struct Mesh {
     /// The triangulation it was made of.
@@ -93,8 +93,6 @@ pub struct Mesh {
     pub holds: Vec<(u32, DVec3)>,
     /// The node of each point that has a rule of its own.
     pub points: Vec<u32>,
-    /// The number of each node among the free ones, or [`FIXED`].
-    pub unknown: Vec<u32>,
     /// Number of free nodes.
     pub unknowns: usize,
     /// The two nodes of each open throat.
@@ -182,18 +180,6 @@ impl Mesh {
         }
         let slots = (0..).zip(triangulation.pores.iter().flatten());
         let wall_slots = slots.filter(|(_, vertex)| **vertex >= FIRST_WALL).map(|(slot, _)| slot).collect();
-        let mut unknowns = 0;
-        let unknown = held
-            .iter()
-            .map(|&face| {
-                if face != FREE {
-                    return FIXED;
-                }
-                unknowns += 1;
-                unknowns as u32 - 1
-            })
-            .collect();
-
         let mut mesh = Mesh {
             centre: Vec::new(),
             volume: (0..pores)
@@ -206,8 +192,7 @@ impl Mesh {
             holds: Vec::new(),
             points: Vec::new(),
             held,
-            unknown,
-            unknowns,
+            unknowns: 0,
             links: Vec::with_capacity(throats.len()),
             conductance: Vec::with_capacity(throats.len()),
             push: vec![[Push::default(); 4]; pores],
@@ -277,7 +262,24 @@ impl Mesh {
                 mesh.holds.push((node, mesh.centre[pore]));
             }
         }
+        mesh.number();
         mesh
+    }
+
+    /// Numbers the nodes: the free ones first, else as they were.
+    pub(super) fn number(&mut self) {
+        let free = |&node: &usize| self.held[node] == FREE;
+        let (mut order, held): (Vec<usize>, Vec<usize>) = (0..self.nodes()).partition(free);
+        self.unknowns = order.len();
+        order.extend(held);
+        let mut place = vec![0u32; order.len()];
+        (0..).zip(&order).for_each(|(new, &old)| place[old] = new);
+        self.held = order.iter().map(|&old| self.held[old]).collect();
+        self.void = order.iter().map(|&old| self.void[old]).collect();
+        self.first = order.iter().map(|&old| self.first[old]).collect();
+        let named = self.node.iter_mut().chain(self.links.iter_mut().flatten());
+        let named = named.chain(&mut self.points).chain(self.holds.iter_mut().map(|hold| &mut hold.0));
+        named.for_each(|node| *node = place[*node as usize]);
     }
 
     /// The face a pore has on a wall closes its surface; the pressure pushes it outwards.
@@ -463,7 +465,7 @@ impl Sets {
     }
 
     /// Joins the sets of two pores, of which the second lies beside the first when moved by `shift`; false if they are
-    /// one already. The lowest pore leads: nodes keep the order of pores.
+    /// one already. The lowest pore leads.
     fn join(&mut self, pores: [u32; 2], shift: [i8; 3]) -> bool {
         let [(a, from_a), (b, from_b)] = pores.map(|pore| self.leader(pore));
         let away = between(shift, from_a, from_b);

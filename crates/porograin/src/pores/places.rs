@@ -1,7 +1,7 @@
 //! What a case asks of single places in the water: pressures and sources at points, regions that let no water through.
 
 use super::carry::middle;
-use super::mesh::{BLOCKED, FREE, Mesh, POINT};
+use super::mesh::{BLOCKED, Mesh, POINT};
 use crate::boundary::Signal;
 use glam::DVec3;
 use porograin_geometry::locate::locate;
@@ -102,19 +102,5 @@ impl Places {
         let Mesh { holds, held, .. } = mesh;
         holds.retain(|&(node, _)| held[node as usize] < POINT);
         mesh.number();
-    }
-}
-
-impl Mesh {
-    /// Numbers the free nodes.
-    pub(super) fn number(&mut self) {
-        self.unknowns = 0;
-        for (held, unknown) in self.held.iter().zip(&mut self.unknown) {
-            *unknown = porograin_linear::FIXED;
-            if *held == FREE {
-                *unknown = self.unknowns as u32;
-                self.unknowns += 1;
-            }
-        }
     }
 }

@@ -14,13 +14,10 @@ const SHARE: usize = 4096;
 pub struct System {
     pub(super) matrix: Matrix,
     pub(super) solver: Solver,
+    /// The right-hand side; as long as there are unknowns, the first nodes of the mesh.
     pub(super) rhs: Vec<f64>,
-    pub(super) free: Vec<f64>,
-    /// Nothing holds a pressure: this node is held at zero for the solve, then the mean is taken out.
+    /// Nothing holds a pressure: the last free node is held at zero for the solve, then the mean is taken out.
     pinned: Option<usize>,
-    pub(super) unknown: Vec<u32>,
-    /// The node of each unknown.
-    nodes: Vec<u32>,
     /// The throats to nodes whose pressure is given: the unknown, the node and the conductance [m³/(Pa s)].
     held: Vec<(u32, u32, f64)>,
     /// `V_f / K_f` of each node [m³/Pa]; empty where the water is incompressible.
@@ -54,29 +51,22 @@ impl System {
         interval: f64,
     ) -> Result<System, Error> {
         let closed = mesh.held.iter().all(|held| matches!(*held, FREE | BLOCKED));
-        let mut unknown = mesh.unknown.clone();
-        let first = unknown.iter().position(|&u| u != FIXED);
-        let pinned = first.filter(|_| closed && capacity.is_empty());
-        if let Some(first) = pinned {
-            unknown[first] = FIXED;
-            unknown[first + 1..].iter_mut().filter(|u| **u != FIXED).for_each(|u| *u -= 1);
-        }
-        let unknowns = mesh.unknowns - usize::from(pinned.is_some());
-        let ends: Vec<[u32; 2]> = mesh.links.iter().map(|link| link.map(|n| unknown[n as usize])).collect();
-        let stored = stored(&capacity, &unknown, unknowns, interval);
+        let pinned = mesh.unknowns.checked_sub(1).filter(|_| closed && capacity.is_empty());
+        let unknowns = pinned.unwrap_or(mesh.unknowns);
+        let end = |node: u32| if (node as usize) < unknowns { node } else { FIXED };
+        let ends: Vec<[u32; 2]> = mesh.links.iter().map(|link| link.map(end)).collect();
+        let stored = stored(&capacity, unknowns, interval);
         let matrix = Matrix::new(unknowns, &ends, &mesh.conductance, &stored)?;
         let mut position = vec![glam::DVec3::ZERO; unknowns];
         for (pore, &node) in mesh.node.iter().enumerate() {
-            if let Some(place) = position.get_mut(unknown[node as usize] as usize) {
+            if let Some(place) = position.get_mut(node as usize) {
                 *place = mesh.centre[pore];
             }
         }
-        let free = |&node: &u32| unknown[node as usize] != FIXED;
-        let nodes = (0..mesh.nodes() as u32).filter(free).collect();
         let mut held = Vec::new();
         // A pinned level is zero.
         for (&[i, j], &g) in mesh.links.iter().zip(&mesh.conductance).filter(|_| pinned.is_none()) {
-            match [i, j].map(|node| unknown[node as usize]) {
+            match [i, j].map(end) {
                 [FIXED, FIXED] => {}
                 [FIXED, v] => held.push((v, i, g)),
                 [u, FIXED] => held.push((u, j, g)),
@@ -92,10 +82,7 @@ impl System {
             matrix,
             solver,
             rhs: vec![0.0; unknowns],
-            free: vec![0.0; unknowns],
             pinned,
-            unknown,
-            nodes,
             held,
             capacity,
             interval,
@@ -110,7 +97,7 @@ impl System {
 
     /// What storage over `interval` [s] adds to the diagonal of the matrix [m³/(Pa s)].
     pub(super) fn stored(&self, interval: f64) -> Vec<f64> {
-        stored(&self.capacity, &self.unknown, self.rhs.len(), interval)
+        stored(&self.capacity, self.rhs.len(), interval)
     }
 
     /// Sets the length of the step to solve for [s]; compressible water only. The preconditioner serves steps half or twice as
@@ -150,34 +137,28 @@ impl System {
     /// # Errors
     /// Those of the solver.
     pub fn solve(&mut self, mesh: &Mesh, carried: &[f64], pressure: &mut [f64]) -> Result<Info, Error> {
-        self.gather(carried, pressure);
-        let info = self.solver.solve(&self.matrix, &self.rhs, &mut self.free)?;
-        self.scatter(mesh, pressure);
+        self.begin(carried, pressure);
+        let info = self.solver.solve(&self.matrix, &self.rhs, &mut pressure[..self.rhs.len()])?;
+        self.end(mesh, pressure);
         Ok(info)
     }
 
-    /// The right-hand side `-carried + G_D p_D` and the start of a solve from the pressures of all nodes.
-    pub(super) fn gather(&mut self, carried: &[f64], pressure: &[f64]) {
-        let level = self.pinned.map_or(0.0, |node| pressure[node]);
-        let System { rhs, free, nodes, .. } = self;
-        rhs.par_iter_mut().zip(free).zip(nodes).with_min_len(SHARE).for_each(|((rhs, free), &mut node)| {
-            (*rhs, *free) = (-carried[node as usize], pressure[node as usize] - level);
-        });
+    /// Makes the right-hand side `-carried + G_D p_D`, and a start of the pressures.
+    pub(super) fn begin(&mut self, carried: &[f64], pressure: &mut [f64]) {
+        if let Some(pinned) = self.pinned {
+            let level = pressure[pinned];
+            pressure[..=pinned].iter_mut().for_each(|p| *p -= level);
+        }
+        let both = self.rhs.par_iter_mut().zip(carried).with_min_len(SHARE);
+        both.for_each(|(rhs, carried)| *rhs = -carried);
         for &(unknown, node, g) in &self.held {
             self.rhs[unknown as usize] += g * pressure[node as usize];
         }
     }
 
-    /// The solution, back to the nodes.
-    pub(super) fn scatter(&self, mesh: &Mesh, pressure: &mut [f64]) {
-        let both = pressure.par_iter_mut().zip(&self.unknown).with_min_len(SHARE);
-        both.for_each(|(pressure, &unknown)| {
-            if let Some(&free) = self.free.get(unknown as usize) {
-                *pressure = free;
-            }
-        });
-        if let Some(first) = self.pinned {
-            pressure[first] = 0.0;
+    /// Gives the pressures found a level where nothing else does.
+    pub(super) fn end(&self, mesh: &Mesh, pressure: &mut [f64]) {
+        if self.pinned.is_some() {
             take_out_mean(mesh, pressure);
         }
     }
@@ -215,13 +196,9 @@ fn take_out_mean(mesh: &Mesh, pressure: &mut [f64]) {
 }
 
 /// What storage adds to the diagonal of each unknown [m³/(Pa s)].
-fn stored(capacity: &[f64], unknown: &[u32], unknowns: usize, interval: f64) -> Vec<f64> {
-    let mut stored = vec![0.0; unknowns];
-    for (&capacity, &unknown) in capacity.iter().zip(unknown) {
-        if unknown != FIXED {
-            stored[unknown as usize] = capacity / interval;
-        }
-    }
+fn stored(capacity: &[f64], unknowns: usize, interval: f64) -> Vec<f64> {
+    let mut stored: Vec<f64> = capacity.iter().take(unknowns).map(|capacity| capacity / interval).collect();
+    stored.resize(unknowns, 0.0);
     stored
 }
 
