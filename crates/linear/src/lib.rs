@@ -24,6 +24,7 @@ mod conjugate_gradients;
 mod eight;
 mod error;
 mod finest;
+mod fours;
 mod gauss_seidel;
 mod matrix;
 mod multigrid;

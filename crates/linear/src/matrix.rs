@@ -2,7 +2,8 @@
 
 use crate::Error;
 use crate::conjugate_gradients::Operator;
-use crate::vector::{self, Sums};
+use crate::fours::Fours;
+use crate::vector::{self, CHUNK, Sums};
 
 /// As the second end of a throat: a pore whose pressure is given. Its conductance then goes to the diagonal only;
 /// the caller adds conductance times pressure to the right-hand side.
@@ -18,6 +19,7 @@ pub struct Matrix {
     columns: Vec<u32>,
     values: Vec<f64>,
     diagonal: Vec<f64>,
+    fours: Fours,
     /// What a row sums to: given diagonal plus conductances to held pores.
     excess: Vec<f64>,
     ends: Vec<[u32; 2]>,
@@ -85,6 +87,7 @@ impl Matrix {
         let mut matrix = Matrix {
             values: vec![0.0; columns.len()],
             diagonal: vec![0.0; nodes],
+            fours: Fours::default(),
             excess: vec![0.0; nodes],
             starts,
             columns,
@@ -129,6 +132,9 @@ impl Matrix {
                 return Err(Error::Value { what: "diagonal", index: i, value: self.diagonal[i] });
             }
         }
+        let range = |ends: &[u32]| ends[0] as usize..ends[1] as usize;
+        let rows = self.starts.windows(2).map(range);
+        self.fours.refresh(rows.map(|row| (&self.columns[row.clone()], &self.values[row])));
         Ok(())
     }
 
@@ -145,15 +151,10 @@ impl Matrix {
         (&self.columns[range.clone()], &self.values[range])
     }
 
-    /// Row `i` times `x`.
+    /// `y = A x` for one chunk of rows.
     #[inline(always)]
-    fn product(&self, i: usize, x: &[f64]) -> f64 {
-        let (columns, values) = self.row(i);
-        let mut sum = self.diagonal[i] * x[i];
-        for (&j, &a) in columns.iter().zip(values) {
-            sum += a * x[j as usize];
-        }
-        sum
+    fn product(&self, chunk: usize, x: &[f64], y: &mut [f64]) {
+        self.fours.chunk(chunk, x, y, 1.0, |i, sum| self.diagonal[i] * x[i] + sum);
     }
 
     /// Where each row starts in [`Matrix::columns`] and [`Matrix::values`], length n + 1.
@@ -183,7 +184,9 @@ impl Matrix {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        4 * self.starts.len() + 12 * self.columns.len() + 16 * self.diagonal.len() + 16 * self.ends.len()
+        let numbers =
+            4 * self.starts.len() + 12 * self.columns.len() + 16 * self.diagonal.len() + 16 * self.ends.len();
+        numbers + self.fours.bytes()
     }
 }
 
@@ -193,22 +196,24 @@ impl Operator for &Matrix {
     }
 
     fn apply(&mut self, x: &[f64], y: &mut [f64]) {
-        vector::each(y, |i| self.product(i, x));
+        vector::by_part(y, CHUNK, |first, y| self.product(first / CHUNK, x, y));
     }
 
     fn residual(&mut self, b: &[f64], x: &[f64], r: &mut [f64], sums: &mut Sums) -> [f64; 2] {
-        let both = |range: std::ops::Range<usize>, r: &[f64]| {
-            let b = &b[range];
+        let [rr, bb, _] = vector::chunks_and_sum(r, sums, |chunk, r| {
+            self.fours.chunk(chunk, x, r, -1.0, |i, sum| b[i] - (self.diagonal[i] * x[i] + sum));
+            let b = &b[chunk * CHUNK..][..r.len()];
             [vector::chunk_dot(r, r), vector::chunk_dot(b, b), 0.0]
-        };
-        let [rr, bb, _] = vector::each_and_sum(r, sums, |i| b[i] - self.product(i, x), both);
+        });
         [rr, bb]
     }
 
     fn apply_dots(&mut self, p: &[f64], r: &[f64], q: &mut [f64], sums: &mut Sums) -> [f64; 3] {
-        let three =
-            |range: std::ops::Range<usize>, q: &[f64]| vector::chunk_dots(&p[range.clone()], &r[range], q);
-        vector::each_and_sum(q, sums, |i| self.product(i, p), three)
+        vector::chunks_and_sum(q, sums, |chunk, q| {
+            self.product(chunk, p, q);
+            let (p, r) = (&p[chunk * CHUNK..][..q.len()], &r[chunk * CHUNK..][..q.len()]);
+            vector::chunk_dots(p, r, q)
+        })
     }
 }
 

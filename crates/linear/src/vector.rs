@@ -74,19 +74,28 @@ pub fn chunk_dots(p: &[f64], r: &[f64], q: &[f64]) -> [f64; 3] {
     [chunk_dot(p, q), chunk_dot(r, q), chunk_dot(q, q)]
 }
 
-/// `y[i] = f(i)` by chunks, adding up `sum(range, y)` while the chunk is at hand.
+/// `y[i] = f(i)`, adding up `sum(range, y)` while a chunk is at hand.
 pub fn each_and_sum(
     y: &mut [f64],
     sums: &mut Sums,
     f: impl Fn(usize) -> f64 + Sync,
     sum: impl Fn(std::ops::Range<usize>, &[f64]) -> [f64; 3] + Sync,
 ) -> [f64; 3] {
-    sums.resize(y.len().div_ceil(CHUNK), [0.0; 3]);
-    let chunk = |(c, (s, y)): (usize, (&mut [f64; 3], &mut [f64]))| {
+    chunks_and_sum(y, sums, |c, y| {
         let start = c * CHUNK;
         y.iter_mut().enumerate().for_each(|(k, y)| *y = f(start + k));
-        *s = sum(start..start + y.len(), y);
-    };
+        sum(start..start + y.len(), y)
+    })
+}
+
+/// Adds up `f(c, y)` over the chunks of `y`.
+pub fn chunks_and_sum(
+    y: &mut [f64],
+    sums: &mut Sums,
+    f: impl Fn(usize, &mut [f64]) -> [f64; 3] + Sync,
+) -> [f64; 3] {
+    sums.resize(y.len().div_ceil(CHUNK), [0.0; 3]);
+    let chunk = |(c, (s, y)): (usize, (&mut [f64; 3], &mut [f64]))| *s = f(c, y);
     if alone(y.len()) {
         sums.iter_mut().zip(y.chunks_mut(CHUNK)).enumerate().for_each(chunk);
     } else {

@@ -6,6 +6,7 @@ use super::conductance::{Conductance, Passage};
 use super::coupling::Push;
 use super::images;
 use super::mesh::{Mesh, Walls, between};
+use super::pushes::Pushes;
 use glam::{DMat3, DVec3};
 use porograin_geometry::gradient::pore_volume_gradient;
 use porograin_geometry::throat::{Packing, radical_centres, shape, throats};
@@ -14,7 +15,7 @@ use porograin_geometry::triangulation::FACET;
 /// Replaces the coupling of a mesh.
 pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Conductance) {
     let pores = mesh.triangulation.pores.len();
-    mesh.push = vec![[Push::default(); 4]; pores];
+    let mut push = vec![[Push::default(); 4]; pores];
     if let Some(images) = &mut mesh.images {
         images.stretch.fill(DMat3::ZERO);
         images.wall_drag.clear();
@@ -31,8 +32,8 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
         let mut forces = [DVec3::ZERO; 3];
         for (k, &slot) in FACET[throat.facet as usize].iter().enumerate() {
             let force = (shape.covered[k] + shape.fluid_area * share[k]) * shape.normal;
-            mesh.push[i][slot] += Push::new(force, DVec3::ZERO);
-            mesh.push[j][slots[k]] -= Push::new(force, DVec3::ZERO);
+            push[i][slot] += Push::new(force, DVec3::ZERO);
+            push[j][slots[k]] -= Push::new(force, DVec3::ZERO);
             forces[k] = force;
         }
         if let Some(images) = &mut mesh.images {
@@ -47,9 +48,11 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
         closing[i] += shape.area * shape.normal;
         closing[j] -= shape.area * shape.normal;
     }
-    mesh.add_wall_faces(&closing);
+    mesh.add_wall_faces(&closing, &mut push);
+    mesh.push = Pushes::new(&push);
     let gradient = |pore| {
         pore_volume_gradient(packing, &mesh.triangulation, pore).map(|force| Push::new(force, DVec3::ZERO))
     };
-    mesh.volume_rate = Some((0..pores).map(gradient).collect());
+    let rates: Vec<[Push; 4]> = (0..pores).map(gradient).collect();
+    mesh.volume_rate = Some(Pushes::new(&rates));
 }

@@ -145,7 +145,7 @@ impl Mesh {
     pub fn add_gradient_loads(&self, gradient: DVec3, loads: &mut Loads) {
         let Some(images) = self.images.as_ref().filter(|_| gradient != DVec3::ZERO) else { return };
         for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
-            let frame = images.frame[pore];
+            let (frame, push) = (images.frame[pore], self.push.of(pore));
             for (k, &vertex) in vertices.iter().enumerate() {
                 if wall(vertex).is_some() {
                     continue;
@@ -154,8 +154,8 @@ impl Mesh {
                 let shift = self.triangulation.shifts[pore][k];
                 let away = std::array::from_fn(|axis| frame[axis] + shift[axis]);
                 let pressure = -gradient.dot(images.cell.shift(away));
-                loads.force[vertex as usize] += pressure * self.push[pore][k].force();
-                loads.torque[vertex as usize] += pressure * self.push[pore][k].torque();
+                loads.force[vertex as usize] += pressure * push[k].force();
+                loads.torque[vertex as usize] += pressure * push[k].torque();
             }
         }
         for &(face, force, beyond) in &images.wall_drag {

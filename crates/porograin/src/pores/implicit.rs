@@ -130,7 +130,7 @@ pub fn prepare(
     let mut extra = vec![0.0; system.rhs.len()];
     for (pore, vertices) in mesh.triangulation.pores.iter().enumerate() {
         let Some(sum) = extra.get_mut(mesh.node[pore] as usize) else { continue };
-        for (&vertex, push) in vertices.iter().zip(&mesh.push[pore]) {
+        for (&vertex, push) in vertices.iter().zip(mesh.push.of(pore)) {
             if wall(vertex).is_none() {
                 let i = vertex as usize;
                 *sum += push.force().length_squared() / grains.mass[i]

@@ -4,6 +4,7 @@ use super::conductance::{Conductance, Passage};
 use super::coupling::{Push, coupling};
 use super::images::{self, Images};
 use super::patch::{Patches, Room};
+use super::pushes::Pushes;
 use crate::boundary::Slip;
 use crate::grains::Loads;
 use glam::{DMat3, DVec3};
@@ -100,10 +101,10 @@ pub struct Mesh {
     /// `g / L` of each link [m³/(Pa s)].
     pub conductance: Vec<f64>,
     /// What the pressure of each pore does to each of its vertices.
-    pub push: Vec<[Push; 4]>,
+    pub push: Pushes,
     /// Volume rate of each pore per velocity and spin of its vertices, where that is not the transpose of `push` but the
     /// [geometric](super::geometric) one.
-    pub volume_rate: Option<Vec<[Push; 4]>>,
+    pub volume_rate: Option<Pushes>,
     /// The faces that pores have on walls; those of one wall sum to the area of the box's face.
     pub wall_faces: Vec<WallFace>,
     patches: Patches,
@@ -195,7 +196,7 @@ impl Mesh {
             unknowns: 0,
             links: Vec::with_capacity(throats.len()),
             conductance: Vec::with_capacity(throats.len()),
-            push: vec![[Push::default(); 4]; pores],
+            push: Pushes::default(),
             volume_rate: None,
             wall_faces: Vec::new(),
             patches: Patches::new(&triangulation.pores, packing.position.len()),
@@ -212,6 +213,7 @@ impl Mesh {
             census,
             triangulation,
         };
+        let mut push = vec![[Push::default(); 4]; pores];
         let mut closing = vec![DVec3::ZERO; pores];
         // Block by block: what all throats contribute would be half of the memory of a mesh.
         for block in throats.chunks(BLOCK) {
@@ -223,9 +225,9 @@ impl Mesh {
                 let [i, j] = throat.pores.map(|p| p as usize);
                 let (order, slots) = (FACET[throat.facet as usize], throat.slots(&mesh.triangulation));
                 for k in 0..3 {
-                    let push = Push::new(part.force[k], part.torque[k]);
-                    mesh.push[i][order[k]] += push;
-                    mesh.push[j][slots[k]] -= push;
+                    let of_throat = Push::new(part.force[k], part.torque[k]);
+                    push[i][order[k]] += of_throat;
+                    push[j][slots[k]] -= of_throat;
                 }
                 closing[i] += part.area;
                 closing[j] -= part.area;
@@ -255,7 +257,8 @@ impl Mesh {
             }
         }
         mesh.centre = centres.point;
-        mesh.add_wall_faces(&closing);
+        mesh.add_wall_faces(&closing, &mut push);
+        mesh.push = Pushes::new(&push);
         for (pore, &node) in mesh.node.iter().enumerate() {
             let known = mesh.holds.last().is_some_and(|hold| node <= hold.0); // of pores in one node the first rules
             if mesh.held[node as usize] != FREE && !known {
@@ -283,13 +286,13 @@ impl Mesh {
     }
 
     /// The face a pore has on a wall closes its surface; the pressure pushes it outwards.
-    pub(super) fn add_wall_faces(&mut self, closing: &[DVec3]) {
+    pub(super) fn add_wall_faces(&mut self, closing: &[DVec3], push: &mut [[Push; 4]]) {
         for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
             for (k, &vertex) in vertices.iter().enumerate() {
                 if let Some(face) = wall(vertex) {
                     let normal = NORMALS[face];
                     let area = -closing[pore].dot(normal);
-                    self.push[pore][k] += Push::new(normal * area, DVec3::ZERO);
+                    push[pore][k] += Push::new(normal * area, DVec3::ZERO);
                     self.wall_faces.push(WallFace { pore: pore as u32, face: face as u8, area });
                 }
             }
@@ -355,7 +358,7 @@ impl Mesh {
         for &slot in &self.wall_slots {
             let (pore, k) = (slot as usize / 4, slot as usize % 4);
             let face = (self.triangulation.pores[pore][k] - FIRST_WALL) as usize;
-            load[face] += pressure[self.node[pore] as usize] * self.push[pore][k].force();
+            load[face] += pressure[self.node[pore] as usize] * self.push.of(pore)[k].force();
         }
     }
 
