@@ -1,9 +1,13 @@
-//! Whatever a dry case has in it: a checkpoint in the middle of a stage and another number of threads change no bit.
+//! Whatever a case has in it besides pores: a checkpoint in the middle of a stage and another number of threads change no bit.
+
+mod random;
 
 use porograin::case::Case;
 use porograin::output::folder::Written;
 use porograin::output::restart::Checkpoint;
 use porograin::run::Simulation;
+use random::Random;
+use std::fmt::Write;
 use std::path::Path;
 
 /// Runs a case through on one thread, and again on two, by way of the bytes of a checkpoint at step `middle`; returns the end.
@@ -167,4 +171,61 @@ until = {{ steps = 500 }}
     );
     let (strain, contacts) = (end.state.domain.strain.z_axis.x, end.state.contacts.len());
     assert!(strain > 1.0 && contacts > 50, "{strain} {contacts}");
+}
+
+/// Discs under a piston, dry, then with compressible water on a grid that is pushed in and slowed by inertia while the piston presses more.
+#[test]
+fn discs_in_coarse_water_under_a_piston() {
+    let (mut text, mut random) = (String::from("x,y,z,r\n"), Random(6));
+    for k in 0..1280 {
+        let (row, along) = (k / 40, k % 40);
+        let [x, z] = [1e-3 * (along as f64 + 0.5) + 5e-4 * (row % 2) as f64, 1e-3 * (row as f64 + 0.5)];
+        let shake = 5e-5 * random.vector();
+        let radius = 4.1e-4 + 5e-5 * random.next();
+        writeln!(text, "{},0.005,{},{radius}", x + shake.x, z + shake.z).unwrap();
+    }
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("discs.csv");
+    std::fs::write(&file, text).unwrap();
+    let end = same_bits(
+        &format!(
+            r#"
+title = "discs in water"
+gravity = [1.0, 0.0, -9.81]
+{CONTACT}
+[domain]
+size = [0.041, 0.01, 0.0325]
+discs = true
+[grains]
+packing = {{ file = {file:?} }}
+density = 2600.0
+[fluid]
+viscosity = 0.01
+bulk-modulus = 1e6
+flow = {{ darcy = {{ drag = "ergun", renew = 0.005 }} }}
+[face.top]
+solid = {{ servo = {{ stress = 200.0, speed = 0.5 }} }}
+water = {{ pressure = 0.0 }}
+[[stage]]
+name = "press"
+fluid = false
+until = {{ steps = 2000 }}
+[[stage]]
+name = "soak"
+face.top.solid.servo.stress = {{ ramp = {{ from = 200.0, to = 600.0, end = 0.02 }} }}
+face.bottom.water.inflow = {{ sine = {{ mean = 2e-3, amplitude = 2e-3, period = 0.01 }} }}
+face.left.water.pressure = "20*z/0.03"
+until = {{ steps = 900 }}
+"#
+        ),
+        2430,
+    );
+    let (water, top) = (end.state.grid().unwrap(), end.state.domain.cell.upper().z);
+    assert!(water.made_at_step > 2430 && end.state.contacts.len() > 1280, "{}", water.made_at_step);
+    let [least, most] = [f64::min, f64::max].map(|f| water.pressure.iter().copied().fold(0.0, f));
+    assert!(top < 0.0324 && most - least > 10.0, "{top} {least} {most}");
+    // In the plane to the last bit.
+    let grains = &end.state.grains;
+    assert!(grains.position.iter().all(|x| x.y == 0.005) && grains.velocity.iter().all(|v| v.y == 0.0));
+    assert!(grains.spin.iter().all(|w| w.x == 0.0 && w.z == 0.0) && grains.spin.iter().any(|w| w.y != 0.0));
+    assert!(water.slowed.iter().any(|&part| part < 1.0), "inertia slows the water");
 }
