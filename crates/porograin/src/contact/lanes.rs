@@ -12,7 +12,8 @@ pub(super) const BATCH: usize = 32;
 
 type Column = [f64; BATCH];
 
-/// A batch of contacts in columns, in and out.
+/// A batch of contacts in columns, in and out; aligned, so that no vector lies across two lines of the cache.
+#[repr(align(64))]
 pub(super) struct Batch {
     branch: [Column; 3],
     velocity: [Column; 3],
