@@ -101,6 +101,9 @@ fn changing_one_table_changes_the_model_and_leaves_every_output() {
     porograin(&folder, &["run", "case.toml", "--out", "pores"]);
     porograin(&folder, &["run", "case.toml", "--out", "grid", "--set", "fluid.flow={darcy={}}"]);
 
+    // From one to the other between two stages.
+    porograin(&folder, &["run", "case.toml", "--out", "both", "--set", "stage.seep.fluid={flow={darcy={}}}"]);
+
     let of = |run: &str, name: &str| table(folder.join(run).join(name));
     for name in ["history.csv", "field-axis.csv", "field-around.csv"] {
         let [(heads, pores), (also, grid)] = ["pores", "grid"].map(|run| of(run, name));
@@ -114,6 +117,12 @@ fn changing_one_table_changes_the_model_and_leaves_every_output() {
             }
         }
         assert!(pores.iter().any(|row| row[0] == "seep"), "{name}");
+        let (_, both) = of("both", name);
+        for stage in ["confine", "load", "seep"] {
+            let rows = |table: &[Vec<String>]| table.iter().filter(|row| row[0] == stage).count();
+            assert_eq!(rows(&both), rows(&pores), "{name}, {stage}");
+        }
+        assert_eq!(both[..both.len() / 2], pores[..both.len() / 2], "{name}");
     }
     // The places beyond the walls are told of as such.
     let (heads, rows) = of("grid", "field-around.csv");
@@ -130,6 +139,16 @@ fn changing_one_table_changes_the_model_and_leaves_every_output() {
     };
     let swapped = names("pores").iter().map(|name| name.replace("pores", "grid")).collect::<BTreeSet<_>>();
     assert_eq!(swapped, names("grid"));
+    for (run, file, field) in [
+        ("pores", "pores_000010.vtu", "velocity [m/s]"),
+        ("grid", "grid_000010.vtu", "velocity [m/s]"),
+        ("pores", "grains_000010.vtp", "fluid velocity [m/s]"),
+        ("grid", "grains_000010.vtp", "fluid velocity [m/s]"),
+    ] {
+        let frame = fs::read(folder.join(run).join("vtk").join(file)).unwrap();
+        let head = format!("Name=\"{field}\" NumberOfComponents=\"3\"");
+        assert!(frame.windows(head.len()).any(|part| part == head.as_bytes()), "{run}, {file}");
+    }
     let told = |run: &str| -> BTreeSet<String> {
         let text = fs::read_to_string(folder.join(run).join("summary.json")).unwrap();
         let mut found = BTreeSet::new();

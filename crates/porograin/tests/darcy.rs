@@ -497,6 +497,33 @@ fn what_is_found_at_a_wall_goes_with_the_wall() {
 }
 
 #[test]
+fn above_a_grid_that_ends_with_the_grains_the_water_is_clear() {
+    let mut faces = [const { Water::Sealed }; 6];
+    faces[4] = Water::Inflow(Signal::Constant(1e-3));
+    faces[5] = Water::Pressure(Signal::Constant(30.0));
+    let (mut state, model) = held(Darcy { faces: Follow::Grains, ..cells([3, 3, 3]) }, faces);
+    let kept: Vec<DVec3> = state.grains.position.iter().copied().filter(|x| x.z < 0.03).collect();
+    state.grains = Grains::at_rest(kept.clone(), vec![0.004; kept.len()], 2.6e12);
+    let mut work = Work::default();
+    step(&mut state, &model, &mut work).unwrap();
+    let flow = flow(&state, &work);
+    let end = work.fluid.darcy.grid().unwrap().planes[2][3];
+    assert!(end > 0.028 && end < 0.031, "{end}");
+    // Below it flows past the grains, above through all of the section, as much on average.
+    let [mut below, mut above] = [0.0; 2];
+    for k in 0..900 {
+        let at = |z: f64| DVec3::new(0.002 * (k % 30) as f64 + 0.001, 0.002 * (k / 30) as f64 + 0.001, z);
+        let [inside, outside] = [0.5 * end, 0.5 * end + 0.03].map(|z| flow.at(at(z)).unwrap());
+        assert!((outside.pressure - 30.0).abs() < 1e-12 && inside.pressure > 30.0, "{outside:?}");
+        assert!((outside.velocity - outside.seepage).length() < 1e-12, "{outside:?}");
+        assert!(inside.velocity.z > 1.2 * inside.seepage.z, "{inside:?}");
+        below += inside.seepage.z / 900.0;
+        above += outside.velocity.z / 900.0;
+    }
+    assert!((below - 1e-3).abs() < 1e-9 && (above - 1e-3).abs() < 1e-9, "{below} {above}");
+}
+
+#[test]
 fn pressures_that_vary_over_the_faces_are_met_at_every_face_of_a_cell() {
     // A pressure that is linear in place fills the box, whatever the permeability along the axes.
     let permeability = Permeability::Given([1e-9, 3e-9, 2e-10]);
