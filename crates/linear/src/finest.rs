@@ -7,7 +7,7 @@
 use crate::Matrix;
 use crate::aggregate::{NONE, Rows, Sparse};
 use crate::clusters::{LARGEST, Star, clusters};
-use crate::vector::{CHUNK, Sums, alone, chunk_dot, each, each_and_sum};
+use crate::vector::{CHUNK, Sums, alone, chunk_dot, each_and_sum};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -20,9 +20,10 @@ pub struct Finest {
     /// The number in the matrix of each node; the node of each number in the matrix.
     order: Vec<u32>,
     place: Vec<u32>,
-    /// The cluster of each number in the matrix, and of each node.
+    /// The cluster of each number in the matrix.
     cluster: Vec<u32>,
-    owner: Vec<u32>,
+    /// The cluster of each node, counted from the first of its part.
+    owner: Vec<u16>,
     /// First node of each cluster, length clusters + 1.
     starts: Vec<u32>,
     parts: Vec<Part>,
@@ -30,13 +31,15 @@ pub struct Finest {
     /// [interleaved](interleave).
     shares: Vec<Share>,
     inverse: Vec<f32>,
-    /// The throats between clusters, of each cluster in the order of its nodes, interleaved; each is there twice.
-    throats: Vec<Throat>,
+    /// The throats between clusters of one part, those of each cluster together, interleaved.
+    inner: Vec<Inner>,
+    /// Those that lead to other parts, likewise; each is there twice, once for either end.
+    outer: Vec<Outer>,
     /// What the rows of the matrix sum to.
     excess: Vec<f32>,
-    /// `D⁻¹ b`, then the answer without `e`; `D⁻¹ b + e`.
+    /// `D⁻¹ b`; the answer without `e`.
     x: Vec<f32>,
-    raised: Vec<f32>,
+    answer: Vec<f32>,
 }
 
 /// Some thousand nodes.
@@ -44,7 +47,8 @@ struct Part {
     nodes: Range<usize>,
     clusters: Range<usize>,
     shares: Range<usize>,
-    throats: Range<usize>,
+    inner: Range<usize>,
+    outer: Range<usize>,
 }
 
 /// Puts the first entry of every cluster of a part before the second one of every cluster, and so on. `ranks` says which one of its
@@ -74,12 +78,21 @@ struct Share {
     part: f32,
 }
 
-/// A throat of a node, and of its cluster, to another cluster's node. The first two count from the beginning of the part.
+/// A throat between two nodes of a part. They count from its beginning.
 #[derive(Clone, Copy)]
-struct Throat {
+struct Inner {
+    nodes: [u16; 2],
+    conductance: f32,
+}
+
+/// A throat of a node, and of its cluster, to a node of another part, and to the cluster of that. The first two count from the beginning
+/// of the part.
+#[derive(Clone, Copy)]
+struct Outer {
     node: u16,
     cluster: u16,
     to: u32,
+    beyond: u32,
     conductance: f32,
 }
 
@@ -102,26 +115,28 @@ impl Finest {
             (order[*at as usize], place[i]) = (i as u32, *at);
             *at += 1;
         }
-        let owner = order.iter().map(|&i| cluster[i as usize]).collect();
         let mut finest = Finest {
             order,
             place,
             cluster,
-            owner,
+            owner: Vec::with_capacity(n),
             starts,
             parts: Vec::new(),
             shares: Vec::with_capacity(2 * n),
             inverse: Vec::with_capacity(n),
-            throats: Vec::new(),
+            inner: Vec::with_capacity(n),
+            outer: Vec::new(),
             excess: Vec::new(),
             x: vec![0.0; n],
-            raised: vec![0.0; n],
+            answer: vec![0.0; n],
         };
         let mut first = 0;
         for c in 1..=count {
             let nodes = finest.starts[first] as usize..finest.starts[c] as usize;
             if nodes.len() >= CHUNK || c == count {
-                finest.parts.push(Part { nodes, clusters: first..c, shares: 0..0, throats: 0..0 });
+                let own = finest.order[nodes.clone()].iter();
+                finest.owner.extend(own.map(|&i| (finest.cluster[i as usize] - first as u32) as u16));
+                finest.parts.push(Part { nodes, clusters: first..c, shares: 0..0, inner: 0..0, outer: 0..0 });
                 first = c;
             }
         }
@@ -185,12 +200,13 @@ impl Finest {
         let mut rows = Rows::with_room(count);
         let mut diagonal = Vec::with_capacity(count);
         let mut seen = vec![NONE; count];
-        let mut ranks = Vec::new();
+        let (mut inner_ranks, mut outer_ranks) = (Vec::new(), Vec::new());
         for part in &mut self.parts {
-            let before = self.throats.len();
-            ranks.clear();
+            let before = (self.inner.len(), self.outer.len());
+            inner_ranks.clear();
+            outer_ranks.clear();
             for c in part.clusters.clone() {
-                let begin = self.throats.len();
+                let begin = (self.inner.len(), self.outer.len());
                 let mut sum = 0.0;
                 for k in self.starts[c] as usize..self.starts[c + 1] as usize {
                     let i = self.order[k] as usize;
@@ -201,22 +217,27 @@ impl Finest {
                         if d as usize == c || a == 0.0 {
                             continue;
                         }
-                        self.throats.push(Throat {
-                            node: (k - part.nodes.start) as u16,
-                            cluster: (c - part.clusters.start) as u16,
-                            to: self.place[j as usize],
-                            conductance: -a as f32,
-                        });
+                        let (to, conductance) = (self.place[j as usize], -a as f32);
+                        let local = |k: usize| (k - part.nodes.start) as u16;
+                        if !part.nodes.contains(&(to as usize)) {
+                            let (node, cluster) = (local(k), (c - part.clusters.start) as u16);
+                            self.outer.push(Outer { node, cluster, to, beyond: d, conductance });
+                        } else if k < to as usize {
+                            self.inner.push(Inner { nodes: [local(k), local(to as usize)], conductance });
+                        }
                         sum -= a;
                         rows.add(&mut seen, d, a);
                     }
                 }
                 rows.end();
                 diagonal.push(sum);
-                ranks.extend(0..(self.throats.len() - begin) as u32);
+                inner_ranks.extend(0..(self.inner.len() - begin.0) as u32);
+                outer_ranks.extend(0..(self.outer.len() - begin.1) as u32);
             }
-            interleave(&mut self.throats[before..], &ranks);
-            part.throats = before..self.throats.len();
+            interleave(&mut self.inner[before.0..], &inner_ranks);
+            interleave(&mut self.outer[before.1..], &outer_ranks);
+            part.inner = before.0..self.inner.len();
+            part.outer = before.1..self.outer.len();
         }
         Sparse { rows, diagonal }
     }
@@ -224,8 +245,8 @@ impl Finest {
     /// What the rows of the network of clusters sum to.
     pub fn excess(&self) -> Vec<f64> {
         let mut sums = vec![0.0; self.starts.len() - 1];
-        for (&cluster, &excess) in self.owner.iter().zip(&self.excess) {
-            sums[cluster as usize] += f64::from(excess);
+        for (&i, &excess) in self.order.iter().zip(&self.excess) {
+            sums[self.cluster[i as usize] as usize] += f64::from(excess);
         }
         sums
     }
@@ -237,14 +258,16 @@ impl Finest {
 
     /// Entries held.
     pub fn entries(&self) -> usize {
-        self.shares.len() + self.inverse.len() + self.throats.len()
+        self.shares.len() + self.inverse.len() + 2 * self.inner.len() + self.outer.len()
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.shares)
-            + size_of_val(&*self.throats)
-            + 4 * (8 * self.order.len() + self.starts.len())
+            + size_of_val(&*self.inner)
+            + size_of_val(&*self.outer)
+            + size_of_val(&*self.owner)
+            + 4 * (7 * self.order.len() + self.starts.len())
     }
 
     /// Begins a cycle for the right-hand side `factor r`; writes that of the clusters into `coarse`.
@@ -265,7 +288,13 @@ impl Finest {
             |part| part.clusters.len(),
             |part, coarse| {
                 coarse.fill(0.0);
-                for throat in &self.throats[part.throats.clone()] {
+                let (own, owner) = (&x[part.nodes.clone()], &self.owner[part.nodes.clone()]);
+                for &Inner { nodes: [a, b], conductance } in &self.inner[part.inner.clone()] {
+                    let (a, b) = (a as usize, b as usize);
+                    coarse[owner[a] as usize] += conductance * own[b];
+                    coarse[owner[b] as usize] += conductance * own[a];
+                }
+                for throat in &self.outer[part.outer.clone()] {
                     coarse[throat.cluster as usize] += throat.conductance * x[throat.to as usize];
                 }
             },
@@ -275,36 +304,41 @@ impl Finest {
 
     /// Ends the cycle with the correction of the clusters: the answer, times `factor`, goes to `z`. Returns `z · r`.
     pub fn up(&mut self, correction: &[f32], factor: f64, r: &[f64], z: &mut [f64], sums: &mut Sums) -> f64 {
-        let (mut x, mut raised) = (std::mem::take(&mut self.x), std::mem::take(&mut self.raised));
-        each(&mut raised, |k| x[k] + correction[self.owner[k] as usize]);
+        let (x, mut answer) = (std::mem::take(&mut self.x), std::mem::take(&mut self.answer));
         self.by_part(
-            &mut x,
+            &mut answer,
             |part| part.nodes.len(),
-            |part, x| {
+            |part, answer| {
                 let mut second = [0.0; CHUNK + LARGEST];
-                let second = &mut second[..x.len()];
+                let second = &mut second[..answer.len()];
                 let e = &correction[part.clusters.clone()];
-                let of_nodes = self.owner[part.nodes.clone()].iter().map(|&c| correction[c as usize]);
-                for ((y, excess), e) in second.iter_mut().zip(&self.excess[part.nodes.clone()]).zip(of_nodes)
-                {
-                    *y = -excess * e;
+                let (own, owner) = (&x[part.nodes.clone()], &self.owner[part.nodes.clone()]);
+                let excess = &self.excess[part.nodes.clone()];
+                for ((y, excess), &cluster) in second.iter_mut().zip(excess).zip(owner) {
+                    *y = -excess * e[cluster as usize];
                 }
-                for throat in &self.throats[part.throats.clone()] {
-                    let difference = raised[throat.to as usize] - e[throat.cluster as usize];
-                    second[throat.node as usize] += throat.conductance * difference;
+                for &Inner { nodes: [a, b], conductance } in &self.inner[part.inner.clone()] {
+                    let (a, b) = (a as usize, b as usize);
+                    let step = e[owner[b] as usize] - e[owner[a] as usize];
+                    second[a] += conductance * (own[b] + step);
+                    second[b] += conductance * (own[a] - step);
+                }
+                for throat in &self.outer[part.outer.clone()] {
+                    let step = correction[throat.beyond as usize] - e[throat.cluster as usize];
+                    second[throat.node as usize] += throat.conductance * (x[throat.to as usize] + step);
                 }
                 self.solve(part, second);
-                x.iter_mut().zip(second).for_each(|(x, y)| *x += *y);
+                answer.iter_mut().zip(own).zip(second).for_each(|((answer, x), y)| *answer = x + *y);
             },
         );
         // Only here do the two parts meet, in double precision: `e` is smooth and large, `x` differs along the strong throats by what
         // rounding `e` to single precision would drown.
-        let answer = |i: usize| {
+        let whole = |i: usize| {
             let e = correction[self.cluster[i] as usize];
-            (f64::from(e) + f64::from(x[self.place[i] as usize])) * factor
+            (f64::from(e) + f64::from(answer[self.place[i] as usize])) * factor
         };
-        let [zr, ..] = each_and_sum(z, sums, answer, |range, z| [chunk_dot(&r[range], z), 0.0, 0.0]);
-        (self.x, self.raised) = (x, raised);
+        let [zr, ..] = each_and_sum(z, sums, whole, |range, z| [chunk_dot(&r[range], z), 0.0, 0.0]);
+        (self.x, self.answer) = (x, answer);
         zr
     }
 
