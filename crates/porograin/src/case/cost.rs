@@ -24,6 +24,8 @@ const MULTIGRID_ITERATION: f64 = 1.8e-7;
 /// Iterations per step: with a factor, with multigrid; each so many times that in an implicit step.
 const ITERATIONS: [f64; 2] = [1.0, 2.0];
 const IMPLICIT: f64 = 5.5;
+/// Water on a grid: the passes over the grains, per grain, and flows and solve, per cell [s].
+const COARSE: [f64; 2] = [1.7e-8, 6.6e-8];
 
 /// Seconds of a dry step of `grains` grains.
 pub fn dry(grains: f64) -> f64 {
@@ -42,11 +44,17 @@ pub fn pores(grains: f64, pores: f64, method: Method, implicit: bool, period: us
     times * (FORCES * grains + iterations * solve) + mesh / period as f64
 }
 
+/// Seconds that water on a grid of `cells` cells adds to a step.
+pub fn coarse(grains: f64, cells: f64) -> f64 {
+    COARSE[0] * grains + COARSE[1] * cells
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Steps as measured on one thread (`benches/NOTES.md`): `bench dry`; `bench coupled` to 1e-3; implicit ones of example 05.
+    /// Steps as measured on one thread (`benches/NOTES.md`): `bench dry`; `bench coupled` to 1e-3; implicit ones of example 05; what the
+    /// water adds in `bench coarse` and in example 21 on its grid.
     #[test]
     fn the_model_gives_what_was_measured() {
         let wet = |grains, implicit| dry(grains) + pores(grains, 6.0 * grains, Method::Auto, implicit, 1000);
@@ -56,6 +64,8 @@ mod tests {
             (wet(5000.0, false), 2.7e-3),
             (wet(20_000.0, false), 17.8e-3),
             (wet(1000.0, true), 1.4e-3),
+            (coarse(20_000.0, 2744.0), 0.52e-3),
+            (coarse(5000.0, 729.0), 0.125e-3),
         ] {
             assert!((1.0 / 1.5..1.5).contains(&(model / measured)), "{model} for {measured}");
         }

@@ -149,6 +149,16 @@ impl Case {
                 let (method, period) = (flow.solver.method(), fluid::EXPECTED_SOLVES);
                 per_step += cost::pores(count as f64, pores, method, water.implicit, period);
             }
+            let cells = match model.fluid.as_ref().map(|fluid| &fluid.flow) {
+                Some(Flow::Darcy(darcy)) => {
+                    let size = state.domain.cell.upper() - state.domain.cell.origin;
+                    Some(darcy::counts(darcy.cells, size, grains))
+                }
+                _ => None,
+            };
+            if let Some(cells) = cells {
+                per_step += cost::coarse(count as f64, cells.iter().product::<usize>() as f64);
+            }
             implied.push(ImpliedStage {
                 name: stage.name.clone(),
                 time_step,
@@ -156,13 +166,7 @@ impl Case {
                 steps,
                 seconds: steps.map(|n| n as f64 * per_step),
                 stiffness_number: stress.map(|s| young / s),
-                cells: match model.fluid.as_ref().map(|fluid| &fluid.flow) {
-                    Some(Flow::Darcy(darcy)) => {
-                        let size = state.domain.cell.upper() - state.domain.cell.origin;
-                        Some(darcy::counts(darcy.cells, size, grains))
-                    }
-                    _ => None,
-                },
+                cells,
                 water,
             });
         }
