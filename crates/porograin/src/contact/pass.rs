@@ -1,7 +1,8 @@
 //! One pass over the touching pairs: every load, every reaction, on any number of threads with the same bits.
 //!
-//! Grains are cut into blocks of [a few rows](rows_of_a_block) of contacts in order of index. A block adds its loads in order of contact to its own grains and puts aside what acts on grains
-//! of later blocks; that is added afterwards in order of contact. The order of every sum depends on the number of grains alone.
+//! Grains are cut into blocks of [a few rows](rows_of_a_block) of contacts in order of index. A block adds its loads in order
+//! of contact to its own grains and puts aside what acts on grains of later blocks; those add it afterwards in order of
+//! contact. The order of every sum depends on the number of grains alone.
 
 use super::lanes::{BATCH, Batch};
 use super::memory::{ROW, Row};
@@ -10,6 +11,7 @@ use crate::grains::{Loads, Push};
 use crate::walls::is_part;
 use glam::{DMat3, DVec3};
 use porograin_geometry::triangulation::wall;
+use rayon::prelude::*;
 
 /// Rows per block, for so many grains: large enough that most contacts stay inside, small enough to share a few thousand
 /// grains between threads.
@@ -40,7 +42,8 @@ pub struct Scratch {
 /// What a block finds besides the loads on its own grains.
 #[derive(Debug, Default)]
 struct Block {
-    later: Vec<Later>,
+    /// What acts on the grains of each later block.
+    later: Vec<Vec<Later>>,
     /// Pairs that have parted, other than with parts of walls.
     parted: Vec<[u32; 2]>,
     /// Where in the row at hand those that have parted are.
@@ -76,6 +79,7 @@ pub fn add(
     let rows = rows_of_a_block(loads.force.len());
     let blocks = loads.force.len().div_ceil(rows * ROW).max(1);
     scratch.blocks.resize_with(blocks, Block::default);
+    scratch.blocks.iter_mut().for_each(|block| block.later.resize_with(blocks, Vec::new));
     let share = Share {
         rows_of_a_block: rows,
         first_block: 0,
@@ -92,12 +96,17 @@ pub fn add(
         Law::HertzMindlin(law) => share.split(&|share| share.run_plain(&Plain(law), surroundings, last)),
     }
 
+    let size = rows * ROW;
+    let parts = (loads.force.par_chunks_mut(size), loads.torque.par_chunks_mut(size));
+    parts.into_par_iter().enumerate().for_each(|(own, (force, torque))| {
+        for later in scratch.blocks[..own].iter().flat_map(|block| &block.later[own]) {
+            let grain = later.grain as usize - own * size;
+            force[grain] += later.force;
+            torque[grain] += later.torque;
+        }
+    });
     for block in &scratch.blocks {
         scratch.soon.extend_from_slice(&block.parted);
-        for later in &block.later {
-            loads.force[later.grain as usize] += later.force;
-            loads.torque[later.grain as usize] += later.torque;
-        }
         for face in 0..6 {
             loads.wall[face] += block.wall[face];
         }
@@ -239,7 +248,7 @@ impl Share<'_> {
 
     fn begin(&mut self) {
         let block = &mut self.blocks[0];
-        block.later.clear();
+        block.later.iter_mut().for_each(Vec::clear);
         block.parted.clear();
         block.wall = [DVec3::ZERO; 6];
         block.parts.clear();
@@ -303,7 +312,8 @@ impl Share<'_> {
             *on -= force;
             self.torque[j] += torque;
         } else {
-            self.blocks[0].later.push(Later { grain: pair[1], force: -force, torque });
+            let block = pair[1] as usize / (self.rows_of_a_block * ROW);
+            self.blocks[0].later[block].push(Later { grain: pair[1], force: -force, torque });
         }
     }
 }
