@@ -8,10 +8,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{
-    __m256d, _mm_add_pd, _mm_cvtsd_f64, _mm_loadu_pd, _mm_loadu_ps, _mm_storeu_pd, _mm_storeu_ps,
-    _mm256_add_pd, _mm256_broadcast_sd, _mm256_castpd256_pd128, _mm256_cvtpd_ps, _mm256_cvtps_pd,
-    _mm256_extractf128_pd, _mm256_fmadd_pd, _mm256_fnmadd_pd, _mm256_mul_pd, _mm256_permute4x64_pd,
-    _mm256_set1_pd, _mm256_setzero_pd,
+    __m256d, _mm_cvtsd_f64, _mm_loadu_ps, _mm_storeu_pd, _mm_storeu_ps, _mm256_add_pd, _mm256_broadcast_sd,
+    _mm256_castpd256_pd128, _mm256_cvtpd_ps, _mm256_cvtps_pd, _mm256_extractf128_pd, _mm256_fmadd_pd,
+    _mm256_fnmadd_pd, _mm256_mul_pd, _mm256_permute4x64_pd, _mm256_set1_pd, _mm256_setzero_pd,
 };
 use std::ops::Range;
 
@@ -300,6 +299,7 @@ impl Corners {
         let (pulled, force) = (&mut pulled[..share.len()], &mut force[..share.len()]);
         for k in 0..share.len() {
             let (share, pulled, force) = (&share[k], &mut pulled[k], &mut force[k]);
+            let (before, v) = (load_three(force), moving.foresee_wide(k, force, pulled));
             let (mut pull, mut drag) = ([_mm256_setzero_pd(); 2], [_mm256_setzero_pd(); 2]);
             let part = parts(share);
             for (row, part) in rows.iter().zip(part.as_chunks::<2>().0) {
@@ -315,16 +315,15 @@ impl Corners {
             let unit = _mm256_set1_pd(f64::from(share.unit));
             let pull = _mm256_mul_pd(unit, _mm256_add_pd(pull[0], pull[1]));
             let drag = _mm256_mul_pd(unit, _mm256_add_pd(drag[0], drag[1]));
-            let (resistance, v) =
-                (_mm256_permute4x64_pd::<0xff>(pull), moving.foresee_wide(k, force, pulled));
+            let resistance = _mm256_permute4x64_pd::<0xff>(pull);
             let total = _mm256_add_pd(pull, _mm256_fnmadd_pd(resistance, v, drag));
+            let after = _mm256_add_pd(before, total);
             // SAFETY: there is room for four single numbers, and for two double ones from x on.
             unsafe {
                 _mm_storeu_ps(pulled.as_mut_ptr(), _mm256_cvtpd_ps(pull));
-                let xy = std::ptr::from_mut(force).cast();
-                _mm_storeu_pd(xy, _mm_add_pd(_mm_loadu_pd(xy), _mm256_castpd256_pd128(total)));
+                _mm_storeu_pd(std::ptr::from_mut(force).cast(), _mm256_castpd256_pd128(after));
             }
-            force.z += _mm_cvtsd_f64(_mm256_extractf128_pd::<1>(total));
+            force.z = _mm_cvtsd_f64(_mm256_extractf128_pd::<1>(after));
         }
     }
 }
