@@ -55,7 +55,8 @@ pub struct Run {
     /// Override a value of the case, such as `contact.linear.friction=20` or `stage.load.until.time=1`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Threads; by default one per core. The results are the same bits with any number.
+    /// Threads; by default one per core. They are busy all the time a run takes, looking for work. The results are the same bits with any
+    /// number.
     #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
     pub threads: Option<usize>,
     /// Stop at this simulated time [s]; `porograin resume` goes on.

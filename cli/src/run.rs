@@ -3,6 +3,7 @@
 use crate::arguments::{Resume, Run};
 use crate::bar::{Bar, span};
 use crate::{Failure, Outcome, quoted, threads};
+use porograin::awake::awake;
 use porograin::case::Case;
 use porograin::consolidation::COMPARE_FROM;
 use porograin::output::folder::Folder;
@@ -64,7 +65,7 @@ fn go(
     let clock = Instant::now();
     let mut bar = Bar::new(quiet);
     // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
-    let ending = rayon::scope(|_| drive(&mut simulation, &mut folder, &options, &mut |view| bar.show(view)));
+    let ending = awake(|| drive(&mut simulation, &mut folder, &options, &mut |view| bar.show(view)));
     bar.finish();
     let (shown, pasted) = (folder.path().display().to_string(), quoted(folder.path()));
     let ending = ending.map_err(|error| {

@@ -1,5 +1,6 @@
 //! Fluid-saturated granular media, grain by grain and pore by pore.
 
+pub mod awake;
 pub mod bench;
 pub mod boundary;
 pub mod budget;

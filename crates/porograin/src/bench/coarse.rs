@@ -1,6 +1,7 @@
 //! The cost of the step with coarse water: a packing consolidates on a grid.
 
 use super::{Clock, DENSITY, dry};
+use crate::awake::awake;
 use crate::boundary::{Domain, Signal, Solid, Water};
 use crate::darcy::{Census, Darcy};
 use crate::measure::{porosity, wall_stress};
@@ -54,7 +55,7 @@ pub fn coarse(
     steps: usize,
     residual: Option<f64>,
 ) -> Result<CoarseBench, StepError> {
-    rayon::scope(|_| consolidate(&mut dry::at_rest(position, radius, domain), steps, residual))
+    awake(|| consolidate(&mut dry::at_rest(position, radius, domain), steps, residual))
 }
 
 fn consolidate(state: &mut State, steps: usize, residual: Option<f64>) -> Result<CoarseBench, StepError> {

@@ -1,6 +1,7 @@
 //! The cost of the step with water: a packing consolidates.
 
 use super::{DENSITY, SpeedUp, dry, timed};
+use crate::awake::awake;
 use crate::boundary::{Domain, Signal, Slip, Solid, Water};
 use crate::measure::wall_stress;
 use crate::model::{Flow, FluidModel, Model};
@@ -124,7 +125,7 @@ pub fn coupled(
     residual: Option<f64>,
 ) -> Result<CoupledBench, BenchError> {
     let mut state = dry::at_rest(position, radius, domain);
-    let (mut bench, model) = rayon::scope(|_| consolidate(&mut state, steps, viscosity, residual))?;
+    let (mut bench, model) = awake(|| consolidate(&mut state, steps, viscosity, residual))?;
     bench.speed_up = dry::speed_up(&mut state, &model, steps)?;
     Ok(bench)
 }

@@ -1,6 +1,7 @@
 //! The cost of the step without water.
 
 use super::{BenchError, DENSITY, timed};
+use crate::awake::awake;
 use crate::boundary::{Domain, Face, Signal, Solid};
 use crate::contact::{Contacts, HertzMindlin, Law, Linear};
 use crate::grains::Grains;
@@ -115,7 +116,7 @@ pub fn dry(
     let before = resident();
     // Once inside the pool: entering it anew for every loop of every step would cost more than the loops.
     let mut state = at_rest(position, radius, domain);
-    let mut bench = rayon::scope(|_| {
+    let mut bench = awake(|| {
         settle(&mut state)?;
         hold(&mut state, model, steps)
     })?;
@@ -187,13 +188,15 @@ pub(super) fn speed_up(state: &mut State, model: &Model, steps: usize) -> Result
     for _ in 0..TURNS {
         for (k, pool) in [&one, &all].into_iter().enumerate() {
             let spent = pool.install(|| {
-                // Once more than counted: the caches of the other thread are cold.
-                step(state, model, &mut work)?;
-                let start = Instant::now();
-                for _ in 0..steps {
+                awake(|| {
+                    // Once more than counted: the caches of the other thread are cold.
                     step(state, model, &mut work)?;
-                }
-                Ok(start.elapsed().as_secs_f64())
+                    let start = Instant::now();
+                    for _ in 0..steps {
+                        step(state, model, &mut work)?;
+                    }
+                    Ok(start.elapsed().as_secs_f64())
+                })
             });
             times[k][0].push(spent?);
             let start = Instant::now();
