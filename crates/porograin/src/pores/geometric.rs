@@ -48,7 +48,7 @@ pub fn couple(mesh: &mut Mesh, packing: Packing, walls: &Walls, conductance: Con
         closing[i] += shape.area * shape.normal;
         closing[j] -= shape.area * shape.normal;
     }
-    mesh.add_wall_faces(&closing, &mut push);
+    mesh.add_wall_faces(0, &closing, &mut push);
     mesh.push = Pushes::new(&push);
     let gradient = |pore| {
         pore_volume_gradient(packing, &mesh.triangulation, pore).map(|force| Push::new(force, DVec3::ZERO))

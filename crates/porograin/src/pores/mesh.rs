@@ -4,7 +4,7 @@ use super::conductance::{Conductance, Passage};
 use super::coupling::{Push, coupling};
 use super::images::{self, Images};
 use super::patch::{Patches, Room};
-use super::pushes::Pushes;
+use super::pushes::{Piles, Pushes};
 use crate::boundary::Slip;
 use crate::grains::Loads;
 use glam::{DMat3, DVec3};
@@ -196,7 +196,7 @@ impl Mesh {
             unknowns: 0,
             links: Vec::with_capacity(throats.len()),
             conductance: Vec::with_capacity(throats.len()),
-            push: Pushes::default(),
+            push: Pushes::with_room(pores),
             volume_rate: None,
             wall_faces: Vec::new(),
             patches: Patches::new(&triangulation.pores, packing.position.len()),
@@ -213,10 +213,12 @@ impl Mesh {
             census,
             triangulation,
         };
-        let mut push = vec![[Push::default(); 4]; pores];
+        let mut piles = Piles::new(pores);
         let mut closing = vec![DVec3::ZERO; pores];
         // Block by block: what all throats contribute would be half of the memory of a mesh.
         for block in throats.chunks(BLOCK) {
+            // Throats come in the order of their first pores.
+            mesh.pack(&mut piles, &closing, block[0].pores[0] as usize);
             let part = |throat| {
                 Part::of(throat, packing, &mesh.triangulation, &centres, walls, conductance, viscosity)
             };
@@ -226,8 +228,8 @@ impl Mesh {
                 let (order, slots) = (FACET[throat.facet as usize], throat.slots(&mesh.triangulation));
                 for k in 0..3 {
                     let of_throat = Push::new(part.force[k], part.torque[k]);
-                    push[i][order[k]] += of_throat;
-                    push[j][slots[k]] -= of_throat;
+                    piles.of(i)[order[k]] += of_throat;
+                    piles.of(j)[slots[k]] -= of_throat;
                 }
                 closing[i] += part.area;
                 closing[j] -= part.area;
@@ -256,9 +258,8 @@ impl Mesh {
                 }
             }
         }
+        mesh.pack(&mut piles, &closing, pores);
         mesh.centre = centres.point;
-        mesh.add_wall_faces(&closing, &mut push);
-        mesh.push = Pushes::new(&push);
         for (pore, &node) in mesh.node.iter().enumerate() {
             let known = mesh.holds.last().is_some_and(|hold| node <= hold.0); // of pores in one node the first rules
             if mesh.held[node as usize] != FREE && !known {
@@ -267,6 +268,14 @@ impl Mesh {
         }
         mesh.number();
         mesh
+    }
+
+    /// Completes and packs the pushes of the pores up to `done`.
+    fn pack(&mut self, piles: &mut Piles, closing: &[DVec3], done: usize) {
+        while let Some((first, mut pile)) = piles.next(done) {
+            self.add_wall_faces(first, closing, &mut pile);
+            self.push.extend(&pile);
+        }
     }
 
     /// Numbers the nodes: the free ones first, else as they were.
@@ -285,14 +294,15 @@ impl Mesh {
         named.for_each(|node| *node = place[*node as usize]);
     }
 
-    /// The face a pore has on a wall closes its surface; the pressure pushes it outwards.
-    pub(super) fn add_wall_faces(&mut self, closing: &[DVec3], push: &mut [[Push; 4]]) {
-        for (pore, vertices) in self.triangulation.pores.iter().enumerate() {
+    /// The face a pore has on a wall closes its surface; the pressure pushes it outwards: for the pores from `first` on, whose
+    /// pushes are given.
+    pub(super) fn add_wall_faces(&mut self, first: usize, closing: &[DVec3], push: &mut [[Push; 4]]) {
+        for ((pore, vertices), push) in self.triangulation.pores.iter().enumerate().skip(first).zip(push) {
             for (k, &vertex) in vertices.iter().enumerate() {
                 if let Some(face) = wall(vertex) {
                     let normal = NORMALS[face];
                     let area = -closing[pore].dot(normal);
-                    push[pore][k] += Push::new(normal * area, DVec3::ZERO);
+                    push[k] += Push::new(normal * area, DVec3::ZERO);
                     self.wall_faces.push(WallFace { pore: pore as u32, face: face as u8, area });
                 }
             }

@@ -37,6 +37,16 @@ impl Pushes {
         Pushes(pushes.iter().map(Packed::new).collect())
     }
 
+    /// None yet, and room for so many pores.
+    pub fn with_room(pores: usize) -> Pushes {
+        Pushes(Vec::with_capacity(pores))
+    }
+
+    /// Packs those of the next pores.
+    pub fn extend(&mut self, pushes: &[[Push; 4]]) {
+        self.0.extend(pushes.iter().map(Packed::new));
+    }
+
     /// Those of a pore.
     pub fn of(&self, pore: usize) -> [Push; 4] {
         let packed = &self.0[pore];
@@ -52,6 +62,46 @@ impl Pushes {
     /// Those of all pores.
     pub fn all(&self) -> &[Packed] {
         &self.0
+    }
+}
+
+/// Pores that are packed at once.
+const PILE: usize = 1 << 14;
+
+/// Pushes that throats, in the order of their first pores, add to. Unpacked they would be the largest part of a mesh: a pile of pores is
+/// there from when it is first added to until no throat of theirs is left.
+pub struct Piles {
+    piles: Vec<Vec<[Push; 4]>>,
+    pores: usize,
+    /// How many were taken.
+    taken: usize,
+}
+
+impl Piles {
+    /// For so many pores.
+    pub fn new(pores: usize) -> Piles {
+        Piles { piles: vec![Vec::new(); pores.div_ceil(PILE)], pores, taken: 0 }
+    }
+
+    /// Those of a pore that is not taken yet.
+    #[inline]
+    pub fn of(&mut self, pore: usize) -> &mut [Push; 4] {
+        let (pile, place) = (pore / PILE, pore % PILE);
+        if self.piles[pile].is_empty() {
+            self.piles[pile] = vec![Default::default(); PILE.min(self.pores - pile * PILE)];
+        }
+        &mut self.piles[pile][place]
+    }
+
+    /// Takes the next pile, with its first pore, if the pores up to `done` are.
+    pub fn next(&mut self, done: usize) -> Option<(usize, Vec<[Push; 4]>)> {
+        let first = self.taken * PILE;
+        if first >= self.pores || done < (first + PILE).min(self.pores) {
+            return None;
+        }
+        self.of(first);
+        self.taken += 1;
+        Some((first, std::mem::take(&mut self.piles[self.taken - 1])))
     }
 }
 
@@ -123,5 +173,36 @@ mod tests {
             }
             assert_eq!(found.of(1), [Push::default(); 4]);
         }
+    }
+
+    #[test]
+    fn piles_hold_what_throats_add_until_it_is_packed() {
+        let pores = 2 * PILE + 3;
+        let throats = |first: usize| [first, first + 1, first + PILE, first + 2 * PILE];
+        let push = |first: usize, second: usize| Push([(first + 2 * second) as f64; 6]);
+        let mut whole = vec![[Push::default(); 4]; pores];
+        let (mut piles, mut packed) = (Piles::new(pores), Pushes::with_room(pores));
+        for first in 0..pores {
+            if first % 1000 == 0 {
+                while let Some((start, pile)) = piles.next(first) {
+                    assert_eq!(start, packed.all().len());
+                    packed.extend(&pile);
+                }
+                assert_eq!(packed.all().len(), first / PILE * PILE);
+            }
+            for second in throats(first).into_iter().filter(|&second| second < pores && first % 7 > 0) {
+                for pore in [first, second] {
+                    whole[pore][pore % 4] += push(first, second);
+                    piles.of(pore)[pore % 4] += push(first, second);
+                }
+            }
+        }
+        while let Some((_, pile)) = piles.next(pores) {
+            packed.extend(&pile);
+        }
+        assert_eq!(packed.all().len(), pores);
+        let expected = Pushes::new(&whole);
+        assert!((0..pores).all(|pore| packed.of(pore) == expected.of(pore)));
+        assert!(Piles::new(0).next(0).is_none());
     }
 }
