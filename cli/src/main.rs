@@ -22,6 +22,7 @@ mod bench;
 mod check;
 mod examples;
 mod export;
+mod memory;
 mod permeability;
 mod plot;
 mod run;
@@ -40,6 +41,7 @@ pub enum Failure {
 }
 
 fn main() -> ExitCode {
+    memory::keep();
     let Arguments { command } = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return misread(&error),

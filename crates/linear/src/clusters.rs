@@ -7,7 +7,10 @@
 use crate::Matrix;
 
 /// Two clusters join if a throat between them conducts at least this share of all other throats of one of them.
-const STRONG: f64 = 0.5;
+///
+/// At a half, knots of some ten clusters are left here and there that neither the clusters nor their network know: rare, so that
+/// large samples have worse ones, and conjugate gradients take ever more iterations. At a fifth clusters run into [`LARGEST`].
+const STRONG: f64 = 0.35;
 /// Nodes of a cluster at most, so that sets of them are the bits of a word.
 pub const LARGEST: usize = 64;
 
@@ -147,7 +150,7 @@ mod tests {
             clusters(&Matrix::new(7, &ends, &g, &[0.0; 7]).unwrap())
         };
         assert_eq!(with(10.0), (vec![0, 0, 0, 0, 0, 0, 1], 2));
-        assert_eq!(with(0.4), (vec![0, 0, 0, 1, 1, 1, 2], 3));
+        assert_eq!(with(0.2), (vec![0, 0, 0, 1, 1, 1, 2], 3));
     }
 
     #[test]

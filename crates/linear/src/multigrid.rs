@@ -2,7 +2,7 @@
 //!
 //! The finest level joins strong [clusters](crate::clusters) and solves each exactly; the network of clusters, which is free
 //! of extremes, is coarsened by smoothed [aggregation](crate::aggregate). One V-cycle. Where many solves repay it and the
-//! network of clusters, a sixth of the nodes, is not too large, it is factored instead: two levels.
+//! network of clusters, a tenth of the nodes, is not too large, it is factored instead: two levels.
 //!
 //! Smoothing is one Gauss-Seidel sweep forwards before and one backwards after the coarse correction, within parts
 //! of fixed length; between parts the old values count. So the result does not depend on the number of threads.
@@ -17,7 +17,7 @@ use glam::DVec3;
 /// Networks of at most this many nodes are solved by a dense inverse.
 const COARSEST: usize = 64;
 /// Networks of at most this many clusters are factored where that pays: a pass over the factor takes as long as the cycle there, and
-/// saves a sixth of the iterations.
+/// saves iterations.
 const FACTORED: usize = 25_000;
 /// Levels of at least this many nodes are swept in two or more parts, which several threads can take.
 const PARTED: usize = 1 << 13;
