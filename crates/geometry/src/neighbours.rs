@@ -1,6 +1,7 @@
 //! Who is near whom: pairs of grains, and of grains and walls, closer than a skin.
 
 mod periodic;
+mod strays;
 
 use crate::cell::Cell;
 use crate::period::Period;
@@ -17,34 +18,43 @@ const USES: [u32; 2] = [25, 250];
 const ROUND_OFF: f64 = 1e-6;
 /// Grains handed to a thread at once.
 const CHUNK: usize = 8192;
+/// Consecutive grains whose ways are told [together](Neighbours::moved_at_most).
+pub const BLOCK: usize = 1024;
 
-/// The near pairs: every pair whose surfaces are closer than the skin, and none twice.
+/// The near pairs: every pair whose surfaces are closer than the skin.
 ///
-/// The list is a superset of the touching pairs and stays one until some surface has moved by half the skin; only
-/// then is it built anew, by a cell list, in time linear in the number of grains. How large the skin is and when the
-/// list was built are therefore of no consequence for what is computed from the touching pairs.
+/// The list is a superset of the touching pairs and stays one until some surface has moved by half the skin. Where those are few, they
+/// are looked for each by itself (see [`later`](Self::later)); where they are many the list is built anew, by a cell list, in time
+/// linear in the number of grains. How large the skin is and when the list was built are therefore of no consequence for what is
+/// computed from the touching pairs.
 ///
 /// Where the cell is periodic a pair stands for a grain and the nearest image of the other. That is all there is as long
 /// as the lattice planes are further apart than [`room`](Self::room) says.
 #[derive(Clone, Debug, Default)]
 pub struct Neighbours {
-    /// Pairs `(i, j)`, `i < j`, or `(i, FIRST_WALL + face)`, sorted.
+    /// Pairs `(i, j)`, `i < j`, or `(i, FIRST_WALL + face)`, sorted, none twice.
     pub pairs: Vec<[u32; 2]>,
+    /// Near pairs found since, of grains that had gone far, in no order; they may repeat those of the list and each other.
+    pub later: Vec<[u32; 2]>,
+    /// Grains whose pairs were found anew in the last use.
+    pub strays: Vec<u32>,
     /// Largest gap of a listed pair when the list was built [m].
     skin: f64,
     /// See [`closer`](Self::closer) [m].
     closer: f64,
-    /// The way of the fastest grain since the last use, if it was told [m].
-    told: Option<f64>,
-    /// How far some grain may have moved since the list was built [m].
-    moved: f64,
-    /// The places themselves are looked at when by what was told some grain may have moved as far as this [m].
-    due: f64,
+    /// Whether it was told how far grains have moved since the last use.
+    told: bool,
+    /// How far any grain of each [`BLOCK`] may be from where its pairs were found [m].
+    ways: Vec<f64>,
+    /// No grain is further from there than this [m].
+    leash: f64,
+    /// Grains whose pairs were found anew since the list was built, in other cubes than the grid has them in.
+    gone: Vec<u32>,
     /// Uses of the list so far.
     uses: u32,
     /// Part of the mean radius that the skin is now.
     share: f64,
-    /// Centres, radii and box when the list was built.
+    /// Centres when the pairs of each grain were found, radii and box when the list was built.
     position: Vec<DVec3>,
     radius: Vec<f64>,
     cell: Option<Cell>,
@@ -59,7 +69,8 @@ impl Neighbours {
     /// `position` and `radius` [m] hold one entry per grain, `reach` [m] is the gap up to which a law acts.
     pub fn refresh(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> bool {
         self.uses = self.uses.saturating_add(1);
-        self.closer = self.approached(cell, position, radius);
+        self.strays.clear();
+        self.closer = self.approached(cell, position, radius, reach);
         if self.closer <= self.skin - reach {
             return false;
         }
@@ -67,10 +78,11 @@ impl Neighbours {
         true
     }
 
-    /// Tells that since the last [`refresh`](Self::refresh) no grain has moved further than this [m]: the next one need not look at
-    /// all places. It is forgotten by the next one, and of no use in a periodic cell.
-    pub fn moved_at_most(&mut self, way: f64) {
-        self.told = Some(way);
+    /// Tells how far any grain of each [`BLOCK`] has moved at most since the last [`refresh`](Self::refresh) [m]: the next one need not look
+    /// at all places. It is of no use in a periodic cell.
+    pub fn moved_at_most(&mut self, ways: &[f64]) {
+        self.told = ways.len() == self.ways.len();
+        self.ways.iter_mut().zip(ways).for_each(|(sum, way)| *sum += way);
     }
 
     /// The least distance of the lattice planes of a periodic cell for pairs with the nearest image to be all there are:
@@ -86,12 +98,12 @@ impl Neighbours {
         self.skin
     }
 
-    /// How much closer the surfaces of any pair may be now than when the list was built [m].
+    /// How much closer the surfaces of any pair may be now than when it was found [m].
     pub fn closer(&self) -> f64 {
         self.closer
     }
 
-    /// The gap of a listed pair when the list was built [m].
+    /// The gap of a near pair when it was found [m].
     pub fn gaps(&self) -> impl Fn([u32; 2]) -> f64 + '_ {
         let period = self.cell.as_ref().and_then(Period::of);
         move |[i, j]| {
@@ -109,30 +121,24 @@ impl Neighbours {
         }
     }
 
-    /// How much closer the surfaces of any pair may have come since the list was built [m]; without a list of these grains
-    /// there is no telling.
-    fn approached(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64]) -> f64 {
-        let told = self.told.take();
-        let Some(old) = &self.cell else { return f64::INFINITY };
+    /// How much closer the surfaces of any pair may have come since it was found [m]; without a list of these grains there is
+    /// no telling.
+    fn approached(&mut self, cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> f64 {
+        let told = std::mem::take(&mut self.told);
+        let Some(old) = self.cell else { return f64::INFINITY };
         if position.len() != self.position.len() || cell.periodic != old.periodic {
             return f64::INFINITY;
         }
         let grown = most(radius, &self.radius, |now, then| now - then);
         let (moved, strained) = match Period::of(cell) {
-            Some(period) => self.strained(cell, old, &period, position),
+            Some(period) => self.strained(cell, &old, &period, position),
             None => {
                 let lower = (cell.origin - old.origin).abs().max_element();
                 let upper = (cell.upper() - old.upper()).abs().max_element();
-                let moved = match told.map(|way| self.moved + way) {
-                    Some(bound) if bound < self.due => bound,
-                    _ => {
-                        let apart = |now: DVec3, then: DVec3| (now - then).length_squared();
-                        let moved = most(position, &self.position, apart).sqrt();
-                        self.due = (1.5 * moved).max(self.skin / 32.0);
-                        moved
-                    }
-                };
-                self.moved = moved;
+                if !told {
+                    self.ways.fill(f64::INFINITY);
+                }
+                let moved = self.keep_within_leash(position, self.skin - reach);
                 (moved.max(lower).max(upper), 0.0)
             }
         };
@@ -154,7 +160,8 @@ impl Neighbours {
             self.share = SKIN[0];
         }
         self.skin = self.share * mean + reach;
-        (self.closer, self.moved, self.due, self.uses) = (0.0, 0.0, 0.0, 0);
+        (self.closer, self.uses) = (0.0, 0);
+        self.settle(n, self.skin - reach);
         self.cell = Some(*cell);
         self.position.clear();
         self.position.extend_from_slice(position);
@@ -345,6 +352,12 @@ mod tests {
         (position, (0..n).map(|_| 0.02 + 0.04 * next()).collect())
     }
 
+    impl Neighbours {
+        fn holds(&self, pair: [u32; 2]) -> bool {
+            self.pairs.binary_search(&pair).is_ok() || self.later.contains(&pair)
+        }
+    }
+
     fn touching(cell: &Cell, position: &[DVec3], radius: &[f64], reach: f64) -> Vec<[u32; 2]> {
         let mut found = Vec::new();
         for i in 0..position.len() {
@@ -399,15 +412,49 @@ mod tests {
             renewed[0] += told.refresh(&cell, &position, &radius, 0.001) as u32;
             renewed[1] += looking.refresh(&cell, &position, &radius, 0.001) as u32;
             for pair in touching(&cell, &position, &radius, 0.001) {
-                assert!(told.pairs.binary_search(&pair).is_ok(), "{pair:?}");
+                assert!(told.holds(pair), "{pair:?}");
                 assert!(told.gaps()(pair) < 0.001 + told.closer(), "{pair:?}");
             }
             let steps: Vec<DVec3> =
                 position.iter().map(|_| (DVec3::new(next(), next(), next()) - 0.45) * 4e-4).collect();
             position.iter_mut().zip(&steps).for_each(|(x, step)| *x += *step);
-            told.moved_at_most(steps.iter().map(|step| step.length()).fold(0.0, f64::max));
+            told.moved_at_most(&[steps.iter().map(|step| step.length()).fold(0.0, f64::max)]);
         }
         assert!(renewed[1] >= 3 && renewed[0] <= 2 * renewed[1], "{renewed:?}");
+    }
+
+    /// A few that fly through a crowd at rest leave its list as it is.
+    #[test]
+    fn strays_take_their_pairs_along() {
+        let cell = Cell::walled(DVec3::ZERO, DVec3::ONE);
+        let (mut position, radius) = cloud(3000, DVec3::ONE, 35);
+        let [mut told, mut looking] = [Neighbours::default(), Neighbours::default()];
+        let (mut next, mut found) = (numbers(39), 0);
+        let fast = [3, 1500, 1510, 2999].map(|k| (k, 0.01 * (DVec3::new(next(), next(), next()) - 0.5)));
+        for step in 0..80 {
+            for near in [&mut told, &mut looking] {
+                assert_eq!(near.refresh(&cell, &position, &radius, 0.001), step == 0);
+            }
+            for pair in touching(&cell, &position, &radius, 0.001) {
+                for near in [&told, &looking] {
+                    assert!(near.holds(pair) && near.gaps()(pair) < 0.001 + near.closer(), "{step} {pair:?}");
+                }
+            }
+            found += told.strays.len();
+            let mut ways = [1e-7; 3];
+            position.iter_mut().for_each(|x| x.y += if x.y < 0.5 { 1e-7 } else { -1e-7 });
+            for (k, way) in fast {
+                // They turn back at walls.
+                let fold = |x: f64| 1.0 - (x.rem_euclid(2.0) - 1.0).abs();
+                let turned = |x: DVec3| DVec3::new(fold(x.x), fold(x.y), fold(x.z));
+                let there = turned(position[k] + (1.0 + f64::from(step % 7)) * way);
+                ways[k / BLOCK] = f64::max(ways[k / BLOCK], there.distance(position[k]) + 1e-7);
+                position[k] = there;
+            }
+            told.moved_at_most(&ways);
+        }
+        assert!(found > 200, "{found}");
+        assert!(told.closer() < 0.1 * told.skin, "{}", told.closer() / told.skin);
     }
 
     #[test]
@@ -439,7 +486,7 @@ mod tests {
             rebuilt += near.refresh(&cell, &position, &radius, 0.001) as u32;
             let gap = near.gaps();
             for pair in touching(&cell, &position, &radius, 0.001) {
-                assert!(near.pairs.binary_search(&pair).is_ok(), "{pair:?}");
+                assert!(near.holds(pair), "{pair:?}");
                 // It has come no closer than any pair can have.
                 assert!(gap(pair) < 0.001 + near.closer(), "{pair:?}");
             }

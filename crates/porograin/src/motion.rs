@@ -8,6 +8,7 @@ use crate::state::State;
 use crate::walls;
 use glam::{DMat3, DVec3};
 use porograin_geometry::cell::NORMALS;
+use porograin_geometry::neighbours::BLOCK;
 use rayon::prelude::*;
 
 /// Inertial number at which a piston may deform the sample, unless its speed is given (`0.01 (H/d) sqrt(stress/density)`, H the
@@ -15,8 +16,6 @@ use rayon::prelude::*;
 const PISTON_INERTIAL_NUMBER: f64 = 0.01;
 /// Mass of a piston in terms of the mass of all grains, unless it is given.
 const PISTON_MASS_SHARE: f64 = 0.1;
-/// Grains handed to a thread at once.
-const BLOCK: usize = 1024;
 
 /// Velocities of everything that moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,10 +93,10 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
 }
 
 /// How the grains have moved in a step.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Moved {
-    /// The longest way of a grain [m].
-    pub furthest: f64,
+    /// The longest way of a grain in each [`BLOCK`] [m].
+    pub furthest: Vec<f64>,
     /// Whether all centres are known to be within the box.
     pub inside: bool,
 }
@@ -148,14 +147,23 @@ fn move_grains(
         let loads = [&loads.force, &loads.torque, &felt.force, &felt.torque].map(|list| &list[range.clone()]);
         push.run([position, velocity, spin], [&radius[range.clone()], &mass[range.clone()]], loads, &rate)
     };
-    let parts = (position.par_chunks_mut(BLOCK), velocity.par_chunks_mut(BLOCK), spin.par_chunks_mut(BLOCK));
-    let both =
-        |a: Moved, b: Moved| Moved { furthest: a.furthest.max(b.furthest), inside: a.inside && b.inside };
-    parts
+    let mut furthest = vec![0.0; position.len().div_ceil(BLOCK)];
+    let parts = (
+        position.par_chunks_mut(BLOCK),
+        velocity.par_chunks_mut(BLOCK),
+        spin.par_chunks_mut(BLOCK),
+        furthest.par_iter_mut(),
+    );
+    let inside = parts
         .into_par_iter()
         .enumerate()
-        .map(|(k, (position, velocity, spin))| block(k, position, velocity, spin))
-        .reduce(|| Moved { furthest: 0.0, inside: true }, both)
+        .map(|(k, (position, velocity, spin, furthest))| {
+            let inside;
+            (*furthest, inside) = block(k, position, velocity, spin);
+            inside
+        })
+        .reduce(|| true, |a, b| a && b);
+    Moved { furthest, inside }
 }
 
 /// How grains are moved, four at a time, so that wide vectors hold nothing idle; the bits are those of one at a time.
@@ -172,14 +180,15 @@ struct Pushed {
 }
 
 impl Pushed {
-    /// `moved` are places, velocities and spins, `what` radii and masses, `loads` forces and torques and those that damping feels.
+    /// `moved` are places, velocities and spins, `what` radii and masses, `loads` forces and torques and those that damping feels; returns
+    /// the longest way [m] and whether all are within the box.
     fn run(
         &self,
         moved: [&mut [DVec3]; 3],
         what: [&[f64]; 2],
         loads: [&[DVec3]; 4],
         rate: &impl Fn(DVec3, DVec3) -> DVec3,
-    ) -> Moved {
+    ) -> (f64, bool) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has what the function was compiled for.
@@ -196,7 +205,7 @@ impl Pushed {
         what: [&[f64]; 2],
         loads: [&[DVec3]; 4],
         rate: &impl Fn(DVec3, DVec3) -> DVec3,
-    ) -> Moved {
+    ) -> (f64, bool) {
         self.run_fours(moved, what, loads, rate)
     }
 
@@ -207,7 +216,7 @@ impl Pushed {
         what: [&[f64]; 2],
         loads: [&[DVec3]; 4],
         rate: &impl Fn(DVec3, DVec3) -> DVec3,
-    ) -> Moved {
+    ) -> (f64, bool) {
         let mut moved = moved.map(|list| list.as_chunks_mut::<4>());
         let (what, loads) = (what.map(|list| list.as_chunks::<4>()), loads.map(|list| list.as_chunks::<4>()));
         let (mut fastest, mut inside) = (0.0, true);
@@ -226,7 +235,7 @@ impl Pushed {
             take(self.four(few.each_mut(), what.each_ref(), loads.each_ref(), rate));
             moved.into_iter().zip(&few).for_each(|(list, few)| list.1.copy_from_slice(&few[..list.1.len()]));
         }
-        Moved { furthest: self.dt * f64::sqrt(fastest), inside }
+        (self.dt * f64::sqrt(fastest), inside)
     }
 
     /// Moves four grains; returns the largest square of their velocities, and whether all are within the box.
@@ -455,7 +464,7 @@ mod tests {
         };
         let [lower, upper] = [DVec3::ZERO, DVec3::ONE];
         for (n, shape) in [
-            (0, Shape::Sphere),
+            (0_usize, Shape::Sphere),
             (1, Shape::Sphere),
             (2051, Shape::Sphere),
             (7, Shape::Disc { thickness: 0.2 }),
@@ -480,7 +489,7 @@ mod tests {
                 Shape::Disc { .. } => (DVec3::new(1.0, 0.0, 1.0), DVec3::Y),
             };
             let mut alone = grains.clone();
-            let (mut furthest, mut inside) = (0.0_f64, true);
+            let (mut furthest, mut inside) = (vec![0.0_f64; n.div_ceil(BLOCK)], true);
             for k in 0..n {
                 let (v, w) = (alone.velocity[k], alone.spin[k]);
                 let mobility = kick / alone.mass[k];
@@ -490,7 +499,7 @@ mod tests {
                 alone.spin[k] +=
                     turning * damped(loads.torque[k] * about, felt.torque[k] * about, w, damping);
                 alone.position[k] += dt * alone.velocity[k];
-                furthest = furthest.max(dt * alone.velocity[k].length());
+                furthest[k / BLOCK] = furthest[k / BLOCK].max(dt * alone.velocity[k].length());
                 inside &= lower.cmple(alone.position[k]).all() && alone.position[k].cmple(upper).all();
             }
             let room = [lower, upper];

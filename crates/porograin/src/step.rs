@@ -88,7 +88,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
     // Move.
     glue::bear(loads, state, model);
     let moved = motion::advance(state, model, loads, water.felt(loads), dt);
-    neighbours.moved_at_most(moved.furthest);
+    neighbours.moved_at_most(&moved.furthest);
     let report = Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed };
     let report = if moved.inside { report } else { inside(state, report)? };
     timers.lap("motion");

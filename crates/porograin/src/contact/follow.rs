@@ -7,6 +7,8 @@ use rayon::prelude::*;
 
 /// Pairs that are worth a thread.
 const SHARE: usize = 4096;
+/// How much more than pairs have come closer so far they may before more of them are looked at.
+const LEVEL: f64 = 1.5;
 
 /// Adds to `contacts` the near pairs that have come to touch; those that parted leave in the [pass](super::add).
 ///
@@ -23,7 +25,7 @@ pub fn follow(
     if rebuilt || scratch.known != contacts.len() {
         scratch.apart.clear();
         scratch.soon.clear();
-        scratch.level = 0.0;
+        (scratch.level, scratch.later) = (0.0, 0);
         let mut touching = contacts.pairs().peekable();
         for &pair in &near.pairs {
             while touching.next_if(|t| *t < pair).is_some() {}
@@ -32,10 +34,16 @@ pub fn follow(
             }
         }
     }
-    // Pairs that were further apart when the list was made than any two have come closer since need no look.
+    let gap = near.gaps();
+    // Pairs found since may be listed already or touch: who touches is told apart below.
+    for &pair in &near.later[scratch.later..] {
+        let list = if gap(pair) < scratch.level { &mut scratch.soon } else { &mut scratch.apart };
+        list.push(pair);
+    }
+    scratch.later = near.later.len();
+    // Pairs that were further apart when they were found than any two have come closer since need no look.
     if scratch.level == 0.0 || near.closer() >= scratch.level {
-        scratch.level = (2.0 * near.closer()).max(near.skin() / 16.0);
-        let gap = near.gaps();
+        scratch.level = (LEVEL * near.closer()).max(near.skin() / 16.0);
         scratch.soon.extend(scratch.apart.extract_if(.., |pair| gap(*pair) < scratch.level));
     }
     let Scratch { soon, found, born, .. } = scratch;
@@ -45,10 +53,12 @@ pub fn follow(
     born.clear();
     // From the back, so that whoever takes a place has been looked at.
     born.extend(found.iter().rev().map(|&k| soon.swap_remove(k)));
-    if !scratch.born.is_empty() {
-        scratch.born.sort_unstable();
-        contacts.insert(&scratch.born);
+    if !born.is_empty() {
+        born.sort_unstable();
+        born.dedup();
+        born.retain(|&pair| !contacts.holds(pair));
+        contacts.insert(born);
     }
-    scratch.near.follow(contacts, surroundings, near.skin(), rebuilt);
+    scratch.near.follow(contacts, surroundings, near, rebuilt);
     scratch.known = contacts.len();
 }

@@ -100,6 +100,11 @@ impl Contacts {
         self.rows.iter().flat_map(|row| row.pairs.iter().copied())
     }
 
+    /// Whether a pair touches.
+    pub fn holds(&self, pair: [u32; 2]) -> bool {
+        self.rows.get(pair[0] as usize / ROW).is_some_and(|row| row.pairs.binary_search(&pair).is_ok())
+    }
+
     /// Every contact and what it remembers, sorted by pair.
     pub fn iter(&self) -> impl Iterator<Item = ([u32; 2], Memory)> {
         self.rows.iter().flat_map(|row| (0..row.pairs.len()).map(|k| (row.pairs[k], row.memory(k))))

@@ -3,8 +3,8 @@
 use super::{Contacts, Memory, Surroundings};
 use crate::walls::{Place, is_part};
 use glam::DVec3;
-use porograin_geometry::Cell;
 use porograin_geometry::triangulation::FIRST_WALL;
+use porograin_geometry::{Cell, Neighbours};
 
 /// How far apart two feet may be, over the radius, for the one to be where the other has gone.
 const FOLLOWED: f64 = 0.1;
@@ -36,12 +36,23 @@ impl Near {
     /// born where a foot is nearer than the radius. One that goes on where another ended remembers what that one knew.
     ///
     /// The result depends on where grains and walls are and on `contacts` alone.
-    pub fn follow(&mut self, contacts: &mut Contacts, surroundings: &Surroundings, skin: f64, renew: bool) {
+    pub fn follow(
+        &mut self,
+        contacts: &mut Contacts,
+        surroundings: &Surroundings,
+        near: &Neighbours,
+        renew: bool,
+    ) {
         if surroundings.walls.is_empty() {
             return;
         }
-        if renew || !self.holds(surroundings, skin) {
-            self.find(contacts, surroundings, skin);
+        if renew || !self.holds(surroundings, near.skin()) {
+            self.find(contacts, surroundings, near.skin());
+        }
+        for &grain in &near.strays {
+            let range = [0, 1].map(|next| self.list.partition_point(|pair| pair.grain < grain + next));
+            let now = self.near(surroundings, grain);
+            self.list.splice(range[0]..range[1], now);
         }
         // From the back, so that what is still to come stays where it is.
         let mut end = self.list.len();
@@ -111,6 +122,22 @@ impl Near {
         skin == self.skin && self.places.len() == walls.len() && (0..walls.len()).all(still)
     }
 
+    /// The pairs of one grain with walls near it.
+    fn near(&mut self, surroundings: &Surroundings, grain: u32) -> Vec<Pair> {
+        let Surroundings { walls, domain, grains, .. } = surroundings;
+        let (x, radius) = (grains.position[grain as usize], grains.radius[grain as usize]);
+        // By the time they are found anew the grain has moved by less than the skin, the wall by half of it.
+        let reach = radius + 1.5 * self.skin;
+        let mut found = Vec::new();
+        for (k, (wall, place)) in walls.iter().zip(&domain.walls).enumerate().filter(|w| w.1.0.present) {
+            let from = self.triangles.len() as u32;
+            if wall.shape.near(place.back(x), reach, &mut self.triangles) {
+                found.push(Pair { grain, wall: k as u32, triangles: [from, self.triangles.len() as u32] });
+            }
+        }
+        found
+    }
+
     /// Makes the list anew, and ends the contacts with walls that are not there.
     fn find(&mut self, contacts: &mut Contacts, surroundings: &Surroundings, skin: f64) {
         let Surroundings { walls, domain, grains, .. } = surroundings;
@@ -119,15 +146,9 @@ impl Near {
         self.places.extend(walls.iter().zip(&domain.walls).map(|(wall, place)| (*place, wall.present)));
         self.list.clear();
         self.triangles.clear();
-        for (i, (&x, &radius)) in grains.position.iter().zip(&grains.radius).enumerate() {
-            for (k, (wall, place)) in walls.iter().zip(&domain.walls).enumerate().filter(|w| w.1.0.present) {
-                // By the time the list is renewed the grain has moved by less than the skin, the wall by half of it.
-                let (reach, from) = (radius + 1.5 * skin, self.triangles.len() as u32);
-                if wall.shape.near(place.back(x), reach, &mut self.triangles) {
-                    let triangles = [from, self.triangles.len() as u32];
-                    self.list.push(Pair { grain: i as u32, wall: k as u32, triangles });
-                }
-            }
+        for i in 0..grains.len() as u32 {
+            let now = self.near(surroundings, i);
+            self.list.extend(now);
         }
         let gone = |pair: &[u32; 2]| is_part(pair[1]) && !walls[crate::walls::find(walls, pair[1]).0].present;
         for row in &mut contacts.rows {

@@ -28,6 +28,8 @@ pub struct Scratch {
     pub(super) soon: Vec<[u32; 2]>,
     /// [m]
     pub(super) level: f64,
+    /// How many of the pairs that were found since the list was made are among those.
+    pub(super) later: usize,
     /// Where among those are the pairs that came to touch in this step.
     pub(super) found: Vec<usize>,
     /// These pairs.
