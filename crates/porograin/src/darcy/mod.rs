@@ -3,6 +3,7 @@
 pub mod corners;
 pub mod drag;
 pub mod grid;
+mod multigrid;
 pub mod passes;
 pub mod permeability;
 pub mod pressure;
@@ -468,15 +469,10 @@ pub fn advance(
         *pulled = pressure::force(grid, &state.pressure).1;
     }
     grid.corners.sums(&moving.under(&loads.force, pulled), velocity, carried);
-    let system = match system {
-        Some(system) => {
-            if !*fits || system.terms != terms {
-                system.renew(grid, terms)?;
-            }
-            system
-        }
-        None => system.insert(System::new(grid, terms)?),
-    };
+    if !*fits || system.as_ref().is_some_and(|system| system.terms != terms) {
+        *system = None;
+    }
+    let system = system.get_or_insert_with(|| System::new(grid, terms));
     *fits = true;
     let outside = pressure::Outside { carried, wall_velocity, imposed };
     let (info, done) = system.advance(grid, &outside, &mut state.pressure, &mut state.change)?;
@@ -507,7 +503,7 @@ pub fn permeability_along(settings: &Darcy, around: &Around, axis: usize) -> Res
     let carried = vec![[0.0; 4]; grid.corners.len()];
     let outside = pressure::Outside { carried: &carried, wall_velocity: [DVec3::ZERO; 6], imposed: &imposed };
     let (_, flows) = System::new(grid, terms)
-        .and_then(|mut system| system.advance(grid, &outside, &mut water.pressure, &mut water.change))
+        .advance(grid, &outside, &mut water.pressure, &mut water.change)
         .map_err(|error| error.to_string())?;
     let planes = &grid.planes[axis];
     let length = planes[planes.len() - 1] - planes[0];

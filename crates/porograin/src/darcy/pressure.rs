@@ -11,11 +11,12 @@
 
 use super::drag::Resistance;
 use super::grid::{Grid, Run};
+use super::multigrid::{Held, Multigrid};
 use super::passes::{Field, Four, Moving, Pull};
 use super::stencil::Stencil;
 use glam::DVec3;
 use porograin_geometry::cell::NORMALS;
-use porograin_linear::{Error, FIXED, Info, Matrix, Params, Solver};
+use porograin_linear::{Error, Info, Method, Params, Work, conjugate_gradients};
 
 /// What a system is made for, besides its grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,14 +60,12 @@ pub struct Flows {
 pub struct System {
     /// What it was made for.
     pub terms: Terms,
-    matrix: Matrix,
     stencil: Stencil,
-    solver: Solver,
+    multigrid: Multigrid,
+    work: Work,
     rows: Rows,
-    /// Cells along each axis.
-    count: [usize; 3],
     resistance: Resistance,
-    /// Nothing holds the level of the pressure: the first cell does not change in the solve, then the mean stays.
+    /// Nothing holds the level of the pressure: its mean stays what it is.
     level_is_free: bool,
     rhs: Vec<f64>,
     /// Through each link before pressures change.
@@ -129,78 +128,29 @@ impl Rows {
         let walls: Vec<Wall> = nodes().map(wall).collect();
         let mut excess = storage.clone();
         for wall in &walls {
-            excess[wall.cell as usize] += if wall.open { wall.g } else { wall.passed * wall.give };
+            excess[wall.cell as usize] += wall.held().excess();
         }
         Rows { storage, stiffened, walls, excess }
     }
-
-    /// Of the links between cells.
-    fn inside(&self, grid: &Grid) -> Vec<f64> {
-        inside(grid).map(|(link, _)| self.stiffened[link]).collect()
-    }
-}
-
-/// The links between cells, and their ends.
-fn inside(grid: &Grid) -> impl Iterator<Item = (usize, [u32; 2])> {
-    let cells = grid.census.cells as u32;
-    grid.ends.iter().copied().enumerate().filter(move |(_, [low, high])| *low < cells && *high < cells)
 }
 
 impl System {
     /// Assembles and prepares the solve.
-    ///
-    /// # Errors
-    /// Those of the solver.
-    pub fn new(grid: &Grid, terms: Terms) -> Result<System, Error> {
-        let cells = grid.census.cells;
+    pub fn new(grid: &Grid, terms: Terms) -> System {
         let rows = Rows::new(grid, &terms);
-        let level_is_free = rows.excess.iter().all(|&e| e == 0.0);
-        let first = usize::from(level_is_free);
-        let unknown = |node: u32| (node as usize).checked_sub(first).map_or(FIXED, |node| node as u32);
-        let ends: Vec<[u32; 2]> = inside(grid).map(|(_, ends)| ends.map(unknown)).collect();
-        let matrix = Matrix::new(cells - first, &ends, &rows.inside(grid), &rows.excess[first..])?;
-        // Places in the grid: the order of elimination is the same wherever the planes are, and need not be found again.
-        let place = |cell| DVec3::from_array(grid.place(cell).map(|at| at as f64));
-        let places: Vec<DVec3> = (first..cells).map(place).collect();
-        let params =
-            Params { tolerance: terms.residual, expected_solves: EXPECTED_SOLVES, ..Params::default() };
-        let solver = Solver::new(&matrix, &params, Some(&places))?;
-        Ok(System {
+        let held: Vec<Held> = rows.walls.iter().map(Wall::held).collect();
+        System {
             terms,
-            matrix,
-            stencil: Stencil::new(grid, &rows.stiffened, &rows.excess, first),
-            solver,
-            rows,
+            stencil: Stencil::new(grid, &rows.stiffened, &rows.excess),
+            multigrid: Multigrid::new(grid, &rows.stiffened, &held, &rows.storage),
+            work: Work::default(),
             resistance: Resistance::new(grid, terms.kick),
-            count: grid.count,
-            level_is_free,
-            rhs: vec![0.0; cells],
+            level_is_free: rows.excess.iter().all(|&e| e == 0.0),
+            rhs: vec![0.0; grid.census.cells],
             flux: vec![0.0; grid.ends.len()],
             pull: Default::default(),
-        })
-    }
-
-    /// The same for another grid, or other terms; to the bit what [`System::new`] makes, but what depends on the number of cells alone
-    /// is not found again.
-    ///
-    /// # Errors
-    /// Those of the solver.
-    pub fn renew(&mut self, grid: &Grid, terms: Terms) -> Result<(), Error> {
-        let rows = Rows::new(grid, &terms);
-        let alike = self.count == grid.count
-            && self.terms.residual == terms.residual
-            && self.level_is_free == rows.excess.iter().all(|&e| e == 0.0);
-        if !alike {
-            *self = System::new(grid, terms)?;
-            return Ok(());
+            rows,
         }
-        let first = usize::from(self.level_is_free);
-        self.matrix.refresh(&rows.inside(grid), &rows.excess[first..])?;
-        self.stencil = Stencil::new(grid, &rows.stiffened, &rows.excess, first);
-        self.solver.refresh(&self.matrix)?;
-        self.resistance = Resistance::new(grid, terms.kick);
-        (self.rows, self.terms) = (rows, terms);
-        Ok(())
     }
 
     /// Whether only differences of the pressures are known.
@@ -233,15 +183,18 @@ impl System {
                 wall.passed * wall.excess(outside.imposed[w], &inwards, &self.flux)
             };
         }
-        let first = usize::from(self.level_is_free);
-        let start = if first > 0 { change[0] } else { 0.0 };
-        change.iter_mut().for_each(|change| *change -= start);
-        self.solver.params_mut().floor = f64::sqrt(size);
-        let info = if cells > first {
-            self.solver.solve_operator(&mut self.stencil, &self.rhs[first..], &mut change[first..])?
-        } else {
-            Info { method: porograin_linear::Method::Cholesky, iterations: 0, residual: 0.0 }
+        if self.level_is_free {
+            let mean = self.rhs.iter().sum::<f64>() / cells as f64;
+            self.rhs.iter_mut().for_each(|rhs| *rhs -= mean);
+        }
+        let params = Params {
+            method: Method::ConjugateGradients,
+            tolerance: self.terms.residual,
+            floor: f64::sqrt(size),
+            ..Params::default()
         };
+        let System { stencil, multigrid, work, rhs, .. } = self;
+        let info = conjugate_gradients(stencil, multigrid, rhs, change, &params, work)?;
         // What the solve leaves over, all cells together, is none: the level takes it up, or where it is free keeps its mean.
         let shift = if self.level_is_free {
             let volume: f64 = (0..cells).map(|cell| grid.volume(cell)).sum();
@@ -320,10 +273,13 @@ impl std::fmt::Debug for System {
     }
 }
 
-/// A grid near rest serves this many steps at least.
-const EXPECTED_SOLVES: usize = 1000;
-
 impl Wall {
+    /// What holds the level of the pressure of its cell.
+    fn held(&self) -> Held {
+        let give = if self.open { f64::INFINITY } else { self.give };
+        Held { cell: self.cell as usize, axis: usize::from(self.face) / 2, g: self.g, give }
+    }
+
     /// What flows along the link towards the node.
     fn along(&self, flux: &[f64]) -> f64 {
         let flux = flux[self.link as usize];
