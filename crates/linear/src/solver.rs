@@ -97,9 +97,9 @@ pub struct Setup {
     pub seconds: f64,
 }
 
-/// Largest number of nodes [`Method::Auto`] factors. At 28 000 nodes two iterations to a residual of 1e-3 with multigrid (its network of
-/// clusters factored) cost as much as one with a factor, which takes three times as long to make; at 117 000 less than two thirds.
-const AUTO_CHOLESKY: usize = 20_000;
+/// Largest number of nodes [`Method::Auto`] factors. At 690 nodes pressures took 0.37 s with a factor of the matrix and 0.43 s with multigrid,
+/// whose network of clusters is factored, at 2000 2.62 and 2.60 s, at 5300 16.3 and 15.2 s; in implicit steps 0.42 and 0.40, 1.69 and 1.54, 7.9 and 6.5 s.
+const AUTO_CHOLESKY: usize = 2_000;
 /// Fewer expected solves than this do not repay a factorisation: at 190 000 nodes it takes some 3 s, a multigrid solve to 1e-10 with
 /// its set-up 0.3 s.
 const AUTO_SOLVES: usize = 100;
