@@ -3,7 +3,7 @@
 //! - [`cell`]: the region the grains live in, a box whose axes are walled or periodic;
 //! - [`neighbours`]: the pairs of grains, and of grains and walls, closer than a skin;
 //! - [`period`]: the periods of a cell, nearest images;
-//! - [`order`]: numbering along a space-filling curve;
+//! - [`order`]: numbering along a space-filling curve, or in columns;
 //! - [`triangulation`]: the regular (weighted Delaunay) triangulation of the grains, exact, walls as vertices;
 //! - [`throat`]: areas, signed solid angles and void volumes of its throats;
 //! - [`gradient`]: how the volumes of pores change with their vertices;

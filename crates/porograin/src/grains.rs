@@ -58,7 +58,7 @@ pub struct Grains {
     /// What they are made of: a number the [laws](crate::contact::Laws) tell apart; all 0 where the case names none.
     pub material: Vec<u16>,
     /// The number a user knows the grain by (its line in the input, its order of creation): the arrays are kept in
-    /// space-filling order, outputs are written in order of `id`.
+    /// an order that keeps [neighbours close](crate::packing::ordered), outputs are written in order of `id`.
     pub id: Vec<u32>,
 }
 
