@@ -41,11 +41,14 @@ pub enum Failure {
 }
 
 fn main() -> ExitCode {
-    memory::keep();
     let Arguments { command } = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return misread(&error),
     };
+    // What `bench dry` tells of memory is what the system has given out by then.
+    if !matches!(&command, Command::Bench(bench) if matches!(bench.what, arguments::What::Dry)) {
+        memory::keep();
+    }
     let json = command.json();
     let outcome = match command {
         Command::Run(arguments) => run::run(&arguments),

@@ -55,23 +55,20 @@ impl Velocities {
 /// `loads` are all loads of the step. Local damping (Catalano 2.15) takes `D |F|` from every component that speeds a
 /// grain, a spin or a piston up, and adds it where it slows down. Its `F` is `felt`, the loads known at time `t`: all
 /// loads again, unless an implicit step finds some of them in its middle.
-pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt: f64) -> Moved {
+pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt: f64, moved: &mut Moved) {
     let kick = kick(state, dt);
     state.domain.wall_force = loads.wall;
-    let moved = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
-    state.domain.wall_velocity = std::array::from_fn(moved);
+    let velocity = |face| wall_motion(face, state, model, loads.wall[face], felt.wall[face], dt).allowed();
+    state.domain.wall_velocity = std::array::from_fn(velocity);
     let before = state.domain.walls.clone();
     walls::motion::advance(state, model, &loads.walls, dt);
     walls::glue::take_along(&state.domain, &before, &mut state.grains, dt);
-    let moved;
+    let rates = [model.damping, kick, dt];
     if !state.domain.is_periodic() {
         move_walls(&mut state.domain, dt);
         let cell = &state.domain.cell;
         let room = [cell.origin, cell.upper()];
-        moved =
-            move_grains(&mut state.grains, loads, felt, model.damping, [kick, dt], room, |_, velocity| {
-                velocity
-            });
+        move_grains(&mut state.grains, loads, felt, rates, room, |_, velocity| velocity, moved);
     } else {
         let rate = cell::motion(state, model, loads, felt, dt).allowed();
         let State { domain, grains, .. } = state;
@@ -82,18 +79,17 @@ pub fn advance(state: &mut State, model: &Model, loads: &Loads, felt: &Loads, dt
         let peculiar = |x: DVec3, v: DVec3| v - stretch * (x - origin);
         // Who has left is told once the grains are back in the cell.
         let nowhere = [DVec3::NAN; 2];
-        moved = move_grains(grains, loads, felt, model.damping, [kick, dt], nowhere, peculiar);
+        move_grains(grains, loads, felt, rates, nowhere, peculiar, moved);
         move_walls(domain, dt);
         cell::advance(domain, grains, dt);
     }
     state.time += dt;
     state.dt = dt;
     state.step += 1;
-    moved
 }
 
 /// How the grains have moved in a step.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moved {
     /// The longest way of a grain in each [`BLOCK`] [m].
     pub furthest: Vec<f64>,
@@ -128,11 +124,11 @@ fn move_grains(
     grains: &mut Grains,
     loads: &Loads,
     felt: &Loads,
-    damping: f64,
-    [kick, dt]: [f64; 2],
+    [damping, kick, dt]: [f64; 3],
     [lower, upper]: [DVec3; 2],
     rate: impl Fn(DVec3, DVec3) -> DVec3 + Sync,
-) -> Moved {
+    moved: &mut Moved,
+) {
     let gyration = grains.shape.gyration();
     // Discs stay in the plane of x and z and turn about y only.
     let (along, about) = match grains.shape {
@@ -147,14 +143,15 @@ fn move_grains(
         let loads = [&loads.force, &loads.torque, &felt.force, &felt.torque].map(|list| &list[range.clone()]);
         push.run([position, velocity, spin], [&radius[range.clone()], &mass[range.clone()]], loads, &rate)
     };
-    let mut furthest = vec![0.0; position.len().div_ceil(BLOCK)];
+    let Moved { furthest, inside } = moved;
+    furthest.resize(position.len().div_ceil(BLOCK), 0.0);
     let parts = (
         position.par_chunks_mut(BLOCK),
         velocity.par_chunks_mut(BLOCK),
         spin.par_chunks_mut(BLOCK),
         furthest.par_iter_mut(),
     );
-    let inside = parts
+    *inside = parts
         .into_par_iter()
         .enumerate()
         .map(|(k, (position, velocity, spin, furthest))| {
@@ -163,7 +160,6 @@ fn move_grains(
             inside
         })
         .reduce(|| true, |a, b| a && b);
-    Moved { furthest, inside }
 }
 
 /// How grains are moved, four at a time, so that wide vectors hold nothing idle; the bits are those of one at a time.
@@ -503,7 +499,8 @@ mod tests {
                 inside &= lower.cmple(alone.position[k]).all() && alone.position[k].cmple(upper).all();
             }
             let room = [lower, upper];
-            let moved = move_grains(&mut grains, &loads, &felt, damping, [kick, dt], room, |_, v| v - drift);
+            let (rates, mut moved) = ([damping, kick, dt], Moved::default());
+            move_grains(&mut grains, &loads, &felt, rates, room, |_, v| v - drift, &mut moved);
             assert_eq!(grains, alone, "{n}");
             assert_eq!(moved, Moved { furthest, inside }, "{n}");
             // One that is nowhere is not inside, wherever it stands.
@@ -513,8 +510,9 @@ mod tests {
                 lost.velocity.fill(DVec3::ZERO);
                 let none =
                     Loads { force: vec![DVec3::ZERO; n], torque: vec![DVec3::ZERO; n], ..Loads::default() };
-                let go = |lost: &mut Grains| {
-                    move_grains(lost, &none, &none, damping, [kick, dt], room, |_, v| v).inside
+                let mut go = |lost: &mut Grains| {
+                    move_grains(lost, &none, &none, rates, room, |_, v| v, &mut moved);
+                    moved.inside
                 };
                 assert!(go(&mut lost));
                 lost.position[k].z = f64::NAN;

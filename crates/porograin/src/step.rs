@@ -31,6 +31,8 @@ pub struct Work {
     pub loads: Loads,
     /// The water's.
     pub fluid: fluid::Scratch,
+    /// How far grains went in the last step.
+    pub moved: motion::Moved,
     /// Wall time by phase.
     pub timers: Timers,
 }
@@ -52,7 +54,7 @@ pub struct Report {
 
 /// Moves the state by one time step.
 pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report, StepError> {
-    let Work { neighbours, contacts, loads, fluid: water, timers } = work;
+    let Work { neighbours, contacts, loads, fluid: water, moved, timers } = work;
     timers.start();
 
     // Who is near whom.
@@ -87,7 +89,7 @@ pub fn step(state: &mut State, model: &Model, work: &mut Work) -> Result<Report,
 
     // Move.
     glue::bear(loads, state, model);
-    let moved = motion::advance(state, model, loads, water.felt(loads), dt);
+    motion::advance(state, model, loads, water.felt(loads), dt, moved);
     neighbours.moved_at_most(&moved.furthest);
     let report = Report { dt, limit, contacts: state.contacts.len(), water: flow, remeshed };
     let report = if moved.inside { report } else { inside(state, report)? };

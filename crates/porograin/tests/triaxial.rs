@@ -72,20 +72,29 @@ const WORKED: usize = 5;
 
 #[test]
 fn dense_peaks_and_dilates_loose_contracts_and_both_end_in_one_state() {
-    let (dense, loose) = (Test::run("13-triaxial/case.toml", &[]), Test::run("13-triaxial/loose.toml", &[]));
+    let dense = Test::run("13-triaxial/case.toml", &[]);
     // Expected are the means of three samples (seeds 1 to 3) of the dense kind; what is allowed is their scatter.
     close(dense.porosity, 0.400, 0.001, "porosity of the dense sample");
-    close(loose.porosity, 0.447, 0.003, "porosity of the loose sample");
     close(dense.mean(0.03, 0.05, DEVIATOR), 96e3, 5e3, "peak of the dense sample");
-    close(loose.mean(0.03, 0.05, DEVIATOR), 44e3, 6e3, "deviator of the loose sample at the same strain");
     close(dense.contraction(), 0.011, 0.003, "contraction of the dense sample");
     close(dense.mean(0.2, 0.28, VOLUME), -0.065, 0.008, "dilation of the dense sample");
-    close(loose.mean(0.2, 0.28, VOLUME), 0.015, 0.006, "contraction of the loose sample");
-    let [a, b] = [&dense, &loose].map(|test| test.mean(0.2, 0.28, DEVIATOR));
-    close(a, 57e3, 7e3, "critical deviator of the dense sample");
-    close(b, 54e3, 6e3, "critical deviator of the loose sample");
+    close(dense.mean(0.2, 0.28, DEVIATOR), 57e3, 7e3, "critical deviator of the dense sample");
     close(dense.mean(0.2, 0.28, POROSITY), 0.437, 0.005, "critical porosity of the dense sample");
-    close(loose.mean(0.2, 0.28, POROSITY), 0.438, 0.004, "critical porosity of the loose sample");
+    // Loose samples scatter more: by 0.003, 4 kPa, 0.004, 1.5 kPa and 0.002. Of the mean of eight three standard deviations are allowed.
+    let loose: [Test; 8] = std::array::from_fn(|k| {
+        Test::run("13-triaxial/loose.toml", &[&format!("grains.packing.cloud.seed={}", k + 1)])
+    });
+    let porosity = loose.iter().map(|test| test.porosity).sum::<f64>() / 8.0;
+    close(porosity, 0.451, 0.003, "porosity of the loose samples");
+    close(
+        mean(&loose, 0.03, 0.05, DEVIATOR),
+        32.6e3,
+        4e3,
+        "deviator of the loose samples at the strain of the peak",
+    );
+    close(mean(&loose, 0.2, 0.28, VOLUME), 0.024, 0.0045, "contraction of the loose samples");
+    close(mean(&loose, 0.2, 0.28, DEVIATOR), 51.8e3, 2e3, "critical deviator of the loose samples");
+    close(mean(&loose, 0.2, 0.28, POROSITY), 0.438, 0.0025, "critical porosity of the loose samples");
 }
 
 /// Without walls the same grains are as dense as in the thesis, 0.37, and again there is one critical state.
