@@ -33,38 +33,46 @@ pub fn clusters(matrix: &Matrix) -> (Vec<u32>, usize) {
         }
     }
     throats.sort_unstable();
-    let mut parent: Vec<u32> = (0..n as u32).collect();
-    let mut size = vec![1u32; n];
-    // What leads out of a cluster.
-    let mut out = matrix.diagonal().to_vec();
+    let mut nodes: Vec<Member> =
+        (0..n as u32).zip(matrix.diagonal()).map(|(parent, &out)| Member { parent, size: 1, out }).collect();
     for &(entry, i) in &throats {
         let slot = entry as u32 as usize;
         let (j, g) = (matrix.columns()[slot], -matrix.values()[slot]);
-        let (a, b) = (leader(&mut parent, i) as usize, leader(&mut parent, j) as usize);
+        let (a, b) = (leader(&mut nodes, i) as usize, leader(&mut nodes, j) as usize);
+        let (one, other) = (nodes[a], nodes[b]);
         if a == b {
-            out[a] -= 2.0 * g;
-        } else if g >= STRONG * (out[a].min(out[b]) - g) && (size[a] + size[b]) as usize <= LARGEST {
+            nodes[a].out -= 2.0 * g;
+        } else if g >= STRONG * (one.out.min(other.out) - g) && (one.size + other.size) as usize <= LARGEST {
             let (low, high) = (a.min(b), a.max(b));
-            parent[high] = low as u32;
-            size[low] += size[high];
-            out[low] += out[high] - 2.0 * g;
+            nodes[high].parent = low as u32;
+            nodes[low].size = one.size + other.size;
+            nodes[low].out += nodes[high].out - 2.0 * g;
         }
     }
     let mut cluster = vec![0u32; n];
     let mut count = 0;
     for i in 0..n {
-        let first = leader(&mut parent, i as u32) as usize;
+        let first = leader(&mut nodes, i as u32) as usize;
         cluster[i] = if first == i { count } else { cluster[first] };
         count += u32::from(first == i);
     }
     (cluster, count as usize)
 }
 
+/// A node, and what the cluster is that it leads: in one place, for throats in order of strength jump about.
+#[derive(Clone, Copy)]
+struct Member {
+    parent: u32,
+    size: u32,
+    /// What leads out of the cluster.
+    out: f64,
+}
+
 /// The lowest node of the cluster of `i`.
-fn leader(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        parent[i as usize] = parent[parent[i as usize] as usize];
-        i = parent[i as usize];
+fn leader(nodes: &mut [Member], mut i: u32) -> u32 {
+    while nodes[i as usize].parent != i {
+        nodes[i as usize].parent = nodes[nodes[i as usize].parent as usize].parent;
+        i = nodes[i as usize].parent;
     }
     i
 }
