@@ -4,7 +4,7 @@
 //! system as soon as it is freed, and the system clears each page again when the next array wants it: up to a fifth of the time of a
 //! permeability (`benches/NOTES.md`).
 
-/// Freed memory stays with the program, for all of its threads. To be called first, while there is but one thread.
+/// Freed memory stays with the program, for all of its threads. To be called while there is but one thread.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn keep() {
     // SAFETY: `mallopt` only sets parameters of the allocator; nobody else is allocating yet.
