@@ -328,7 +328,7 @@ const CHOICES: &[(&str, &[(&str, &str)])] = &[
             ("outside", "the centre of a grain leaves the box"),
             ("deep-overlap", "a contact overlaps by half the smaller radius"),
             ("long-step", "a fixed time step is longer than the stability limit"),
-            ("servo", "a servo wall is off its stress when its stage ends"),
+            ("servo", "a servo wall or a held stress of the cell is off when its stage ends"),
         ],
     ),
     (

@@ -290,6 +290,20 @@ fn a_run_keeps_its_grain_file_and_can_be_run_again_from_its_folder() {
 }
 
 #[test]
+fn the_summary_of_a_run_that_failed_tells_the_sample_it_left() {
+    let folder = folder("failed");
+    let text = CASE.replace("until = { time = 0.05 }", "until = { unbalanced = 1e-12, max-steps = 60 }");
+    fs::write(folder.join("case.toml"), text).unwrap();
+    let status = start(&folder, &["run", "case.toml", "--out", "out"]).wait().unwrap();
+    assert_eq!(status.code(), Some(1));
+    let summary = fs::read_to_string(folder.join("out/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(summary["stages"][0]["ended"], "failed");
+    assert_eq!(summary["sample"]["grains"], 80);
+    assert_eq!(summary["sample"]["porosity"], summary["stages"][0]["reached"]["porosity"]);
+}
+
+#[test]
 fn two_processes_cannot_share_a_run() {
     let folder = folder("shared");
     let mut child =

@@ -29,6 +29,7 @@ pub mod pores;
 pub mod progress;
 pub mod rain;
 pub mod run;
+pub mod servo;
 pub mod stability;
 pub mod state;
 pub mod step;

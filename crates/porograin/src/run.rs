@@ -78,7 +78,7 @@ impl View<'_> {
             value.zip(limit).map(|(value, limit)| format!("{name} {value:.1e} ({limit:.0e})"))
         };
         let unbalanced = of("unbalanced", now.unbalanced, until.unbalanced);
-        let stress = of("stress error", now.stress.map(|s| s.0), until.stress_error);
+        let stress = of("stress error", now.stress.map(|held| held.error), until.stress_error);
         Some(unbalanced.into_iter().chain(stress).collect::<Vec<_>>().join(", "))
     }
 }
@@ -124,6 +124,7 @@ pub fn run(
             Ok(None) => continue,
             Err(error) => {
                 sitting.note(simulation, folder, stage, "failed");
+                folder.summary.sample = sample(simulation, &folder.summary.sample);
                 // The failure of the stage is what the user must hear, not that of the summary.
                 let _ = folder.write_summary();
                 return Err(error);

@@ -1,9 +1,9 @@
 //! Signs that a run has gone wrong, each noticed and told: what, where, when, and why most likely.
 
-use crate::boundary::{FACE_NAMES, Solid};
+use crate::boundary::FACE_NAMES;
 use crate::contact::Surroundings;
-use crate::measure;
 use crate::model::{Model, TimeStep};
+use crate::servo::{Held, Servo};
 use crate::stability::{self, Limit};
 use crate::state::State;
 use crate::walls;
@@ -12,7 +12,7 @@ use serde::Deserialize;
 use std::fmt;
 use std::sync::Arc;
 
-/// Part of its stress by which a servo wall may be off at the end of a stage.
+/// Part by which a servo may be off at the end of a stage, as in [`Held::error`].
 const SERVO_ERROR: f64 = 0.1;
 
 /// What to do about a sign of trouble.
@@ -37,7 +37,7 @@ pub struct On {
     pub deep_overlap: Action,
     /// A fixed time step is longer than the stability limit.
     pub long_step: Action,
-    /// A servo wall is more than 10 % off its stress when its stage ends.
+    /// A servo, wall or cell, is more than 10 % off its stress when its stage ends.
     pub servo: Action,
 }
 
@@ -79,25 +79,10 @@ pub enum Trouble {
         /// When.
         time: f64,
     },
-    /// A servo wall did not reach its stress.
+    /// A servo did not reach its stress or force.
     Servo {
-        /// Its face.
-        face: usize,
-        /// What was asked [Pa].
-        asked: f64,
-        /// What it is [Pa].
-        stress: f64,
-        /// When.
-        time: f64,
-    },
-    /// A servoed wall that the case adds did not reach its force.
-    Push {
-        /// Its name.
-        wall: Arc<str>,
-        /// What was asked [N].
-        asked: f64,
-        /// What it is [N].
-        force: f64,
+        /// How it stands.
+        held: Held,
         /// When.
         time: f64,
     },
@@ -124,7 +109,7 @@ impl Trouble {
             Trouble::Outside { .. } => 0,
             Trouble::DeepOverlap { .. } => 1,
             Trouble::LongStep { .. } => 2,
-            Trouble::Servo { .. } | Trouble::Push { .. } => 3,
+            Trouble::Servo { .. } => 3,
         }
     }
 
@@ -134,7 +119,7 @@ impl Trouble {
             Trouble::Outside { .. } => on.outside,
             Trouble::DeepOverlap { .. } => on.deep_overlap,
             Trouble::LongStep { .. } => on.long_step,
-            Trouble::Servo { .. } | Trouble::Push { .. } => on.servo,
+            Trouble::Servo { .. } => on.servo,
         }
     }
 }
@@ -168,17 +153,24 @@ impl fmt::Display for Trouble {
                  take a shorter one, or time-step = {{ automatic = {{}} }}",
                 limit.seconds, limit.cause
             ),
-            Trouble::Servo { face, asked, stress, time } => write!(
-                f,
-                "the stress on the {} wall is {stress:.3e} Pa at t = {time:.6e} s, asked {asked:.3e} Pa: the stage was too \
-                 short or the speed of the wall too small, or the grains cannot carry that stress",
-                FACE_NAMES[*face]
-            ),
-            Trouble::Push { wall, asked, force, time } => write!(
-                f,
-                "the force on the wall `{wall}` is {force:.3e} N at t = {time:.6e} s, asked {asked:.3e} N: the stage was too \
-                 short or the speed of the wall too small, or the grains cannot carry that force"
-            ),
+            Trouble::Servo { held: Held { servo, asked, found, .. }, time } => {
+                let (unit, drive, what) = match servo {
+                    Servo::Face(_) => ("Pa", "speed of the wall", "stress"),
+                    Servo::Wall(_) => ("N", "speed of the wall", "force"),
+                    Servo::Cell(_) => ("Pa", "rate of the cell", "stress"),
+                    Servo::Growth => ("Pa", "rate of the growth", "stress"),
+                };
+                // Without the sign of a zero.
+                let found = found + 0.0;
+                write!(f, "{servo} is {found:.3e} {unit} at t = {time:.6e} s, asked {asked:.3e} {unit}: ")?;
+                if found == 0.0 {
+                    f.write_str("nothing touches it, ")?;
+                }
+                write!(
+                    f,
+                    "the stage was too short or the {drive} too small, or the grains cannot carry that {what}"
+                )
+            }
         }
     }
 }
@@ -210,24 +202,8 @@ pub fn look(state: &State, model: &Model, found: &mut Vec<Trouble>) {
     }
 }
 
-/// The servo walls that are off their stress.
-pub fn servos(state: &State, model: &Model, found: &mut Vec<Trouble>) {
-    let stresses = measure::wall_stress(&state.domain);
-    for (face, rule) in model.faces.iter().enumerate() {
-        if let Solid::Servo { stress, .. } = &rule.solid {
-            let asked = stress.at(state.time - model.stage_start);
-            if (stresses[face] - asked).abs() > SERVO_ERROR * asked.abs() {
-                found.push(Trouble::Servo { face, asked, stress: stresses[face], time: state.time });
-            }
-        }
-    }
-    for (wall, place) in model.walls.iter().zip(&state.domain.walls) {
-        let asked = walls::motion::asked(wall, state.time - model.stage_start);
-        if let (Some(asked), Some((_, along))) = (asked, walls::motion::servoed(wall, state)) {
-            let force = -place.force.dot(along);
-            if (force - asked).abs() > SERVO_ERROR * asked.abs() {
-                found.push(Trouble::Push { wall: wall.name.clone(), asked, force, time: state.time });
-            }
-        }
-    }
+/// The servo that is furthest off, if that is too far.
+pub fn servo(held: Vec<Held>, time: f64) -> Option<Trouble> {
+    let held = Held::worst(held).filter(|held| held.error > SERVO_ERROR)?;
+    Some(Trouble::Servo { held, time })
 }

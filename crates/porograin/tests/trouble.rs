@@ -2,6 +2,7 @@
 
 use porograin::case::Case;
 use porograin::run::{RunError, Simulation};
+use porograin::servo::{Held, Servo};
 use porograin::trouble::{Other, Trouble};
 use std::path::Path;
 
@@ -91,11 +92,67 @@ fn a_fixed_step_beyond_the_limit_is_told_with_the_limit() {
 fn a_servo_off_its_stress_at_the_end_is_told() {
     let servo = "{ servo = { stress = 100.0 } }";
     let all = told(squeezed(servo, "{ steps = 5 }", "")).unwrap();
-    let [Trouble::Servo { face: 5, asked: 100.0, stress, .. }] = all[..] else { panic!("{all:?}") };
-    assert!(stress < 90.0);
+    let [Trouble::Servo { held: Held { servo: Servo::Face(5), asked: 100.0, found, .. }, .. }] = all[..]
+    else {
+        panic!("{all:?}")
+    };
+    assert!(found < 90.0);
     let all =
         told(squeezed(servo, "{ stress-error = 0.01, unbalanced = 0.01, max-steps = 100000 }", "")).unwrap();
     assert_eq!(all, []);
+}
+
+/// A cloud in a periodic cell of which `cell` is asked, until `until`.
+fn cell(cell: &str, until: &str) -> Result<Vec<Trouble>, RunError> {
+    let text = format!(
+        r#"
+title = "A periodic sample"
+[domain]
+size = [0.02, 0.02, 0.02]
+periodic = "xyz"
+[grains]
+packing = {{ cloud = {{ count = 150, spread = 0.2, seed = 1 }} }}
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 30.0
+[cell]
+{cell}
+[[stage]]
+name = "squeeze"
+until = {until}
+"#
+    );
+    let case = Case::from_text("case.toml", &text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}"));
+    told(Simulation::new(&case).unwrap())
+}
+
+#[test]
+fn a_cell_off_its_stress_at_the_end_is_told() {
+    let all = cell("stress = { xx = 1e3, yy = 1e3, zz = 1e3 }\nrate = 0.1", "{ steps = 20 }").unwrap();
+    let [Trouble::Servo { held: Held { servo: Servo::Cell(_), asked: 1e3, .. }, .. }] = all[..] else {
+        panic!("{all:?}")
+    };
+    let text = all[0].to_string();
+    assert!(
+        text.contains(" of the cell is 0.000e0 Pa at t = ") && text.contains("nothing touches it"),
+        "{text}"
+    );
+}
+
+/// A shear stress of zero is met when it is small beside the stress of the sample: a part of zero it never is.
+#[test]
+fn shear_stresses_held_at_zero_are_met() {
+    let stress = "stress = { xx = 1e3, yy = 1e3, zz = 1e3, xy = 0.0, yz = 0.0, xz = 0.0 }";
+    let all = cell(stress, "{ unbalanced = 2e-2, stress-error = 0.02, max-steps = 20000 }").unwrap();
+    assert_eq!(all, []);
+    let held = |shear: &str| {
+        let stress = stress.replace("xz = 0.0", shear);
+        cell(&stress, "{ unbalanced = 2e-2, stress-error = 0.02, max-steps = 3000 }").unwrap_err().to_string()
+    };
+    let text = held("xz = -2e3");
+    assert!(text.contains("the stress xz of the cell is off by "), "{text}");
 }
 
 /// Each sign stops the run where the case asks for it, named with its place, time and likely cause, and is not told where it is to be ignored.

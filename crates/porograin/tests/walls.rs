@@ -340,6 +340,7 @@ fn servoed_moving_and_turning_walls() {
     let servo = Motion::Servo {
         along: (5.0 * along).to_array(),
         load: walls::motion::Servoed::Force(Signal::Constant(push)),
+        area: None,
         mass: Some(2.0),
         speed: None,
     };
@@ -353,6 +354,19 @@ fn servoed_moving_and_turning_walls() {
     let place = now.domain.walls[0];
     assert!((place.force.dot(-along) / push - 1.0).abs() < 1e-3, "{}", place.force);
     assert!(place.shift.cross(along).length() < 1e-12 && place.shift.length() > 1e-4);
+    // A plane is endless: what a stress on it acts on is for the case to say. Of a plate it is its own area, unless the case says another.
+    let stress = |area| Motion::Servo {
+        along: along.to_array(),
+        load: walls::motion::Servoed::Stress(Signal::Constant(6.0)),
+        area,
+        mass: None,
+        speed: None,
+    };
+    let asked = |shape, area| walls::motion::asked(&model(vec![(shape, stress(area))], 0.0).walls[0], 0.0);
+    assert_eq!(asked(plane(DVec3::ZERO, -along), Some(5.0)), Some(push));
+    let plate = || mesh(Mesh::rectangle(-0.201 * along - a - b, 2.0 * a, 2.0 * b).unwrap());
+    assert!((asked(plate(), None).unwrap() / 24.0 - 1.0).abs() < 1e-12);
+    assert_eq!(asked(plate(), Some(5.0)), Some(push));
 
     // A grain inside a turning tube without gravity ends up turning with it.
     let tube = Shape::Cylinder { point: DVec3::ZERO, axis: DVec3::Y, radius: 0.5, length: None };

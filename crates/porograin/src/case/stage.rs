@@ -110,7 +110,7 @@ pub struct Until {
     pub steps: Option<u64>,
     /// When the mean resultant on a grain is below this part of the mean contact force (Catalano 2.16).
     pub unbalanced: Option<f64>,
-    /// When the stress on every servo wall is within this part of what is asked.
+    /// When every servo is within this part of what is asked, as in [`Held::error`](crate::servo::Held::error).
     pub stress_error: Option<f64>,
     /// The stage fails if its conditions do not hold after so many seconds.
     pub max_time: Option<f64>,

@@ -3,7 +3,7 @@
 use super::check::Range;
 use super::{Case, CaseError, reason};
 use crate::grains::Grains;
-use crate::walls::motion::Servoed;
+use crate::walls::motion::{self, Servoed};
 use crate::walls::{self, Mesh, MeshError, Motion, Shape, Wall, stl};
 use glam::DVec3;
 use serde::Deserialize;
@@ -287,8 +287,9 @@ impl Case {
                 direction("rotating.axis", axis)?;
                 self.signal_in_time(&format!("{path}.rotating.rate"), rate)
             }
-            Motion::Servo { along, load, mass, speed } => {
+            Motion::Servo { along, load, area, mass, speed } => {
                 direction("servo.along", along)?;
+                self.optional(&format!("{path}.servo.area"), *area, Range::Positive)?;
                 self.optional(&format!("{path}.servo.mass"), *mass, Range::Positive)?;
                 self.optional(&format!("{path}.servo.speed"), *speed, Range::Positive)?;
                 let (Servoed::Force(signal) | Servoed::Stress(signal)) = load;
@@ -323,9 +324,8 @@ impl Case {
         }
         for k in 0..self.stage.len() {
             for (index, wall) in self.walls_in(k).iter().enumerate() {
-                let Motion::Servo { along, load: Servoed::Stress(_), .. } = &wall.motion else { continue };
-                let area = wall.shape.area_across(DVec3::from_array(*along));
-                if area.is_none_or(|area| area == 0.0) {
+                let Motion::Servo { load: Servoed::Stress(_), .. } = &wall.motion else { continue };
+                if motion::area(wall).is_none_or(|area| area == 0.0) {
                     return Err(self
                         .source
                         .fault(
@@ -335,7 +335,7 @@ impl Case {
                                 wall.name
                             ),
                         )
-                        .hint("only rectangles and discs have one; give load = { force = … }"));
+                        .hint("rectangles, discs and open surfaces of an STL file have one; give `area`, or load = { force = … }"));
                 }
             }
             let stage = &self.stage[k];

@@ -40,10 +40,13 @@ pub fn elastic_energy(state: &State, model: &Model) -> f64 {
 
 /// Mean resultant on a grain over mean contact force (Catalano 2.16): how far the packing is from equilibrium [-].
 ///
-/// `loads` are those of the last step. Without any contact the value is 1: nothing balances anything.
+/// `loads` are those of the last step. Without any contact the value is 1: nothing balances anything. Where contacts are fewer than grains
+/// the contact forces are averaged over the grains: otherwise one blow between two grains of a cloud, shared by all others, would look
+/// like rest.
 pub fn unbalanced(state: &State, model: &Model, loads: &Loads) -> f64 {
-    let resultant = loads.force.iter().map(|f| f.length()).sum::<f64>() / loads.force.len().max(1) as f64;
+    let grains = loads.force.len().max(1) as f64;
+    let resultant = loads.force.iter().map(|f| f.length()).sum::<f64>() / grains;
     let (count, sum) =
         contact_forces(state, model).fold((0, 0.0), |(n, s), (_, _, f)| (n + 1, s + f.length()));
-    if sum > 0.0 { resultant / (sum / f64::from(count)) } else { 1.0 }
+    if sum > 0.0 { resultant / (sum / f64::from(count).max(grains)) } else { 1.0 }
 }

@@ -40,6 +40,22 @@ fn pressed() -> (State, Model, Work) {
     (state, model, work)
 }
 
+/// Of a hundred grains that fly two knock into each other: the blow, spread over all, is not rest.
+#[test]
+fn a_blow_in_a_cloud_is_not_rest() {
+    let mut position: Vec<DVec3> =
+        (0..98).map(|k| DVec3::new(0.05 + 0.021 * f64::from(k), 1.0, 1.0)).collect();
+    position.extend([DVec3::new(1.0, 0.5, 0.5), DVec3::new(1.019, 0.5, 0.5)]);
+    let (mut state, mut model) = (state_of(2.2, position, 0.01), dry_model());
+    model.gravity = DVec3::new(0.0, 0.0, -9.81);
+    let mut work = Work::default();
+    step(&mut state, &model, &mut work).unwrap();
+    assert_eq!(state.contacts.len(), 1);
+    // Two resultants of the contact force, and the weights of the others.
+    let found = unbalanced(&state, &model, &work.loads);
+    assert!(found > 2.0, "{found}");
+}
+
 #[test]
 fn at_rest_contacts_walls_and_grains_tell_one_stress() {
     let (state, model, work) = pressed();

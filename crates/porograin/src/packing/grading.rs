@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 
 /// Points at which means over a grading are taken.
 const POINTS: usize = 20_000;
+/// Radii that differ by this part are equal: rounding.
+const SAME: f64 = 1e-9;
 /// Normal and log-normal gradings end at so many deviations on either side.
 const TAIL: f64 = 3.0;
 /// The part of a normal distribution below `-TAIL` deviations.
@@ -79,17 +81,22 @@ impl Grading {
             if self.is_absolute() { 1.0 } else { (self.mean_cube() / (total / sizes.len() as f64)).cbrt() };
         let asked_total = self.mean_cube() * POINTS as f64;
         let (mut asked, mut passed, mut passing, mut worst) = (self.points().peekable(), 0.0, 0.0, 0.0_f64);
-        for size in sizes {
-            let r = size * scale;
-            while let Some(next) = asked.next_if(|&next| next <= r) {
-                passed += next * next * next / asked_total;
-            }
+        let same = |a: &f64, b: &f64| *b <= a * (1.0 + SAME);
+        for equal in sizes.chunk_by(same) {
+            let (size, r) = (equal[0], equal[0] * scale);
+            // Where both curves are stairs the middles of their steps count.
+            let mut pass = |up_to: f64| {
+                while let Some(next) = asked.next_if(|&next| next <= up_to) {
+                    passed += next * next * next / asked_total;
+                }
+                passed
+            };
+            let mut asked_here = 0.5 * (pass(r * (1.0 - SAME)) + pass(r * (1.0 + SAME)));
             if let Grading::Sieve(table) = self {
-                passed = sieve_passing(table, 2.0 * r);
+                asked_here = sieve_passing(table, 2.0 * r);
             }
-            let mass = size * size * size / total;
-            // The sample's curve is a stair: what counts is the middle of the step.
-            worst = worst.max((passing + 0.5 * mass - passed).abs());
+            let mass = equal.len() as f64 * size * size * size / total;
+            worst = worst.max((passing + 0.5 * mass - asked_here).abs());
             passing += mass;
         }
         worst
@@ -248,6 +255,18 @@ mod tests {
             let larger: Vec<f64> = radii.iter().map(|r| 1.1 * r).collect();
             assert!(grading.difference(&larger) > 0.1);
         }
+    }
+
+    #[test]
+    fn equal_grains_have_the_grading_of_equal_grains() {
+        for radius in [1.0, 0.1, 3.7e-3] {
+            let difference = Grading::Uniform { spread: 0.0 }.difference(&[radius; 150]);
+            assert!(difference < 1e-9, "{difference}");
+        }
+        let half = [[1.0; 100], [2.0; 100]].concat();
+        // Of the mass one ninth is small: in the middle of its step 1/18, where nothing should pass, and of the large ones 5/9.
+        let difference = Grading::Uniform { spread: 0.0 }.difference(&half);
+        assert!((0.4..0.6).contains(&difference), "{difference}");
     }
 
     #[test]

@@ -1,9 +1,7 @@
 //! A case being run: one step after the other, stage after stage. It touches no file.
 
-use crate::boundary::{FACE_NAMES, Solid};
 use crate::budget::{Cause, Unbalanced};
 use crate::case::{Case, CaseError, Plan, Stage, Until, at};
-use crate::cell::COMPONENTS;
 use crate::consolidation::{Consolidation, ConsolidationError};
 use crate::ledger::{Before, Ledger};
 use crate::measure::{self, Region};
@@ -11,11 +9,11 @@ use crate::model::Model;
 use crate::packing::Grading;
 use crate::progress::{Began, Done, Progress};
 use crate::rain::Fallen;
+use crate::servo::Held;
 use crate::stability;
 use crate::state::State;
 use crate::step::{Report, StepError, Work, step};
 use crate::trouble::{self, Action, Trouble};
-use crate::walls::motion;
 use crate::watch::Measure;
 use std::fmt;
 
@@ -242,7 +240,8 @@ impl Simulation {
         if let (Some(before), Some(ledger)) = (before, &mut self.progress.ledger) {
             ledger.add(&before, &self.state, &self.model, &self.work.loads);
         }
-        if due {
+        let ended = self.ended(stage, began)?;
+        if due || ended.is_some() {
             trouble::look(&self.state, &self.model, &mut found);
         }
         if let (Some(water), Some(mesh)) = (&report.water, self.work.fluid.mesh()) {
@@ -261,7 +260,6 @@ impl Simulation {
         {
             consolidation.watch(&self.state, &self.work.fluid);
         }
-        let ended = self.ended(stage, began)?;
         let friction = self.progress.compaction.friction;
         if let Some(rule) = &stage.compact
             && self.looks()
@@ -280,7 +278,7 @@ impl Simulation {
             self.model.contact.scale_friction(self.progress.compaction.friction);
         }
         if ended.is_some() {
-            trouble::servos(&self.state, &self.model, &mut found);
+            found.extend(trouble::servo(self.held(), self.state.time));
         }
         self.news.clear();
         for trouble in found {
@@ -375,8 +373,8 @@ impl Simulation {
         if let Some((value, limit)) = unbalanced.zip(until.unbalanced) {
             why.push(format!("unbalanced is {value:.3e}, asked {limit:e}"));
         }
-        if let Some(((value, what), limit)) = stress.zip(until.stress_error) {
-            why.push(format!("the stress {what} is off by {value:.3e}, asked {limit:e}"));
+        if let Some((Held { servo, error, .. }, limit)) = stress.zip(until.stress_error) {
+            why.push(format!("{servo} is off by {error:.3e}, asked {limit:e}"));
         }
         if !fallen {
             let Fallen { count, mass, .. } = self.progress.fallen;
@@ -407,59 +405,25 @@ impl Simulation {
     pub(super) fn conditions(&self, until: &Until) -> Conditions {
         let unbalanced =
             until.unbalanced.map(|_| measure::unbalanced(&self.state, &self.model, &self.work.loads));
-        let stress = until.stress_error.map(|_| self.stress_error());
+        let stress = until.stress_error.and_then(|_| Held::worst(self.held()));
         let below = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_none_or(|(v, l)| v <= l);
-        let hold =
-            below(unbalanced, until.unbalanced) && below(stress.as_ref().map(|s| s.0), until.stress_error);
+        let hold = below(unbalanced, until.unbalanced)
+            && below(stress.as_ref().map(|held| held.error), until.stress_error);
         Conditions { unbalanced, stress, hold }
     }
 
-    /// The largest relative distance of a servo wall, or of a held stress of the cell, from its stress, and its name.
-    fn stress_error(&self) -> (f64, String) {
-        let t = self.state.time - self.model.stage_start;
-        let mut worst = (0.0, String::new());
-        let mut compare = |found: f64, asked: f64, name: &dyn Fn() -> String| {
-            let error = (found - asked).abs() / asked.abs().max(f64::MIN_POSITIVE);
-            if error > worst.0 {
-                worst = (error, name());
-            }
-        };
-        let stresses = measure::wall_stress(&self.state.domain);
-        for (k, face) in self.model.faces.iter().enumerate() {
-            if let Solid::Servo { stress, .. } = &face.solid {
-                compare(stresses[k], stress.at(t), &|| format!("on the {} wall", FACE_NAMES[k]));
-            }
-        }
-        for (wall, place) in self.model.walls.iter().zip(&self.state.domain.walls) {
-            if let (Some(asked), Some((_, along))) =
-                (motion::asked(wall, t), motion::servoed(wall, &self.state))
-            {
-                compare(-place.force.dot(along), asked, &|| format!("on the wall `{}`", wall.name));
-            }
-        }
-        if let Some(asked) = self.stage().and_then(|stage| stage.grow).and_then(|grow| grow.stress) {
-            compare(measure::mean_stress(&self.state, &self.model), asked, &|| {
-                "of the growing grains".into()
-            });
-        }
-        let mut held = self.model.cell.stress.given().peekable();
-        if held.peek().is_some() {
-            let water = self.work.loads.cell * self.state.domain.cell.volume().recip();
-            let stress = measure::contact_stress(&self.state, &self.model) + water;
-            for (row, column, signal) in held {
-                let name = || format!("{} of the cell", COMPONENTS[3 * row + column]);
-                compare(stress.col(column)[row], signal.at(t), &name);
-            }
-        }
-        worst
+    /// All that is held at a stress or a force, as it stands.
+    fn held(&self) -> Vec<Held> {
+        let growth = self.stage().and_then(|stage| stage.grow).and_then(|grow| grow.stress);
+        Held::all(&self.state, &self.model, growth, self.work.loads.cell)
     }
 }
 
 /// What a stage waits for, as it stands.
 pub(super) struct Conditions {
     pub(super) unbalanced: Option<f64>,
-    /// The largest distance from an asked stress, and where.
-    pub(super) stress: Option<(f64, String)>,
+    /// The servo that is furthest off.
+    pub(super) stress: Option<Held>,
     /// Whether all hold.
     pub(super) hold: bool,
 }

@@ -38,6 +38,8 @@ pub enum Motion {
         along: [f64; 3],
         /// How hard.
         load: Servoed,
+        /// What a stress acts on [m²]; by default the area of the wall across the direction, if it has one.
+        area: Option<f64>,
         /// [kg]; by default a tenth of the mass of the grains.
         mass: Option<f64>,
         /// It never moves faster than this [m/s]; by default the speed at which a sample as large as the box deforms at
@@ -52,7 +54,7 @@ pub enum Motion {
 pub enum Servoed {
     /// [N]
     Force(Signal),
-    /// Over the area of the wall across the direction [Pa].
+    /// Over the area [Pa].
     Stress(Signal),
 }
 
@@ -169,13 +171,17 @@ fn default_speed(state: &State, force: f64) -> f64 {
 
 /// The force with which a servoed wall is pushed at a time of the stage [N].
 pub fn asked(wall: &Wall, time: f64) -> Option<f64> {
-    let Motion::Servo { along, load, .. } = &wall.motion else { return None };
+    let Motion::Servo { load, .. } = &wall.motion else { return None };
     Some(match load {
         Servoed::Force(force) => force.at(time),
-        Servoed::Stress(stress) => {
-            stress.at(time) * wall.shape.area_across(DVec3::from_array(*along)).unwrap_or(0.0)
-        }
+        Servoed::Stress(stress) => stress.at(time) * area(wall).unwrap_or(0.0),
     })
+}
+
+/// What a stress on a wall that is pushed acts on [m²], where the case or its shape says so.
+pub fn area(wall: &Wall) -> Option<f64> {
+    let Motion::Servo { along, area, .. } = &wall.motion else { return None };
+    area.or_else(|| wall.shape.area_across(DVec3::from_array(*along)))
 }
 
 /// Mass of a wall that is pushed [kg], and the direction in which it moves.
