@@ -36,7 +36,7 @@ pub enum Command {
     },
     /// Draw the plots of a run again, or of several runs over each other.
     Plot(Plot),
-    /// Write the grains of a run as they are now: x,y,z,r [m], one line per grain.
+    /// Write the grains of a run as they are now: x,y,z,r [m], one line per grain, below the domain for a case to go on with.
     Export(Export),
     /// Measure the permeability of a packing, between two faces of its box or through a periodic cell.
     Permeability(Box<Permeability>),
@@ -123,6 +123,9 @@ pub struct Export {
     pub folder: PathBuf,
     /// The new file; it is never overwritten.
     pub grains: PathBuf,
+    /// Write the velocities too, beside the flow of a periodic cell that deforms: x,y,z,r,vx,vy,vz.
+    #[arg(long)]
+    pub velocities: bool,
     /// Print one JSON object on standard output.
     #[arg(long)]
     pub json: bool,

@@ -2,9 +2,11 @@
 
 use crate::arguments::Export;
 use crate::{Failure, Outcome};
+use glam::DVec3;
 use porograin::case::reason;
 use porograin::output::folder::last_state;
 use porograin::output::table::number;
+use porograin_geometry::Cell;
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -23,10 +25,14 @@ pub fn export(arguments: &Export) -> Outcome {
     };
     let region: Vec<String> = region.into_iter().map(number).collect();
     let (count, time, region) = (grains.len(), number(state.time), region.join(","));
-    let mut text = format!("# {count} grains at t = {time} s; --{option} {region}\nx,y,z,r\n");
+    let head = if arguments.velocities { "x,y,z,r,vx,vy,vz" } else { "x,y,z,r" };
+    let domain = domain(cell);
+    let mut text = format!("# {count} grains at t = {time} s; --{option} {region}\n# {domain}\n{head}\n");
     for k in order {
-        let (x, r) = (grains.position[k], grains.radius[k]);
-        let _ = writeln!(text, "{},{},{},{}", number(x.x), number(x.y), number(x.z), number(r));
+        let x = grains.position[k];
+        let v = state.domain.peculiar(x, grains.velocity[k]);
+        let row = [x.x, x.y, x.z, grains.radius[k], v.x, v.y, v.z].map(number);
+        let _ = writeln!(text, "{}", row[..if arguments.velocities { 7 } else { 4 }].join(","));
     }
     let shown = arguments.grains.display().to_string();
     std::fs::File::create_new(&arguments.grains)
@@ -36,4 +42,16 @@ pub fn export(arguments: &Export) -> Outcome {
     Ok(Some(
         json!({ "grains": grains.len(), "file": shown, "lower": lower.to_array(), "upper": upper.to_array(), "edges": cell.edges.to_cols_array_2d() }),
     ))
+}
+
+/// The domain as a case says it.
+fn domain(cell: &Cell) -> String {
+    let list = |values: DVec3| format!("[{}]", values.to_array().map(number).join(", "));
+    let origin = list(cell.origin);
+    if cell.periodic == [false; 3] {
+        return format!("domain = {{ origin = {origin}, size = {} }}", list(cell.upper() - cell.origin));
+    }
+    let periods = [0, 1, 2].map(|k| list(cell.edges.col(k))).join(", ");
+    let axes: String = "xyz".chars().zip(cell.periodic).filter_map(|(axis, is)| is.then_some(axis)).collect();
+    format!("domain = {{ origin = {origin}, periods = [{periods}], periodic = \"{axes}\" }}")
 }

@@ -303,6 +303,43 @@ fn the_summary_of_a_run_that_failed_tells_the_sample_it_left() {
     assert_eq!(summary["sample"]["porosity"], summary["stages"][0]["reached"]["porosity"]);
 }
 
+/// The domain that an export begins with, and its grains, are the sheared sample for a new case: with the same velocities, as before.
+#[test]
+fn an_exported_sample_goes_on_in_another_case() {
+    let folder = folder("exported");
+    let domain = "domain = { size = [0.01, 0.01, 0.01], periodic = \"xyz\" }";
+    let text = |domain: &str, packing: &str| {
+        format!(
+            "title = \"A cell\"\n{domain}\ngrains = {{ packing = {{ {packing} }}, density = 2600.0 }}\n[contact.linear]\n\
+             young = 1e6\nstiffness-ratio = 0.5\nfriction = 0.0\n[cell]\ngradient = {{ xz = 40.0 }}\n\
+             [[stage]]\nname = \"shear\"\nuntil = {{ time = 0.02 }}\n\
+             [[watch]]\nmeasures = [\"kinetic-energy\"]\nevery = {{ steps = 1000 }}\n"
+        )
+    };
+    let first = text(domain, "cloud = { count = 150, spread = 0.2, seed = 1, porosity = 0.7 }");
+    fs::write(folder.join("first.toml"), first).unwrap();
+    finish(&folder, &["run", "first.toml", "--out", "one", "--quiet"]);
+    finish(&folder, &["export", "one", "grains.csv", "--velocities"]);
+    let grains = fs::read_to_string(folder.join("grains.csv")).unwrap();
+    let lines: Vec<&str> = grains.lines().collect();
+    assert!(
+        lines[1].starts_with("# domain = { origin = [") && lines[1].contains("periods = [["),
+        "{}",
+        lines[1]
+    );
+    assert_eq!((lines[2], lines.len()), ("x,y,z,r,vx,vy,vz", 153));
+    let second = text(&lines[1][2..], "file = \"grains.csv\"");
+    fs::write(folder.join("second.toml"), second).unwrap();
+    let (_, said) =
+        finish(&folder, &["run", "second.toml", "--out", "two", "--set", "stage.shear.until.time=1e-9"]);
+    let energy = |run: &str| -> f64 {
+        let history = fs::read_to_string(folder.join(run).join("history.csv")).unwrap();
+        history.lines().last().unwrap().split(',').nth(3).unwrap().parse().unwrap()
+    };
+    let (before, after) = (energy("one"), energy("two"));
+    assert!(before > 0.0 && (after / before - 1.0).abs() < 0.05, "{before} {after} {said}");
+}
+
 #[test]
 fn two_processes_cannot_share_a_run() {
     let folder = folder("shared");

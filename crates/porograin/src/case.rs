@@ -113,8 +113,11 @@ pub struct Case {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct DomainTable {
-    /// Lengths of the edges [m].
+    /// Lengths of the edges [m]; of a cell given by its `periods` how far each goes along its own axis.
+    #[serde(default)]
     pub size: [f64; 3],
+    /// In place of the size, the vectors of the edges [m]: any period vectors.
+    pub periods: Option<[[f64; 3]; 3]>,
     /// Which axes repeat; the others end at walls.
     #[serde(default)]
     pub periodic: Periodic,
@@ -351,6 +354,7 @@ impl Case {
         case.source = source;
         case.folder = folder.to_owned();
         case.finite()?;
+        case.check_periods()?;
         case.check_walls()?;
         case.shapes = case.make_shapes()?;
         case.check()?;

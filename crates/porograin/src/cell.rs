@@ -12,7 +12,7 @@ use crate::model::Model;
 use crate::motion;
 use crate::state::State;
 use glam::{DMat3, DVec3};
-use porograin_geometry::Period;
+use porograin_geometry::{Cell, Period};
 use rayon::prelude::*;
 use serde::Deserialize;
 
@@ -164,14 +164,22 @@ pub fn advance(domain: &mut Domain, grains: &mut Grains, dt: f64) {
         let stretch = domain.rate * (DMat3::IDENTITY - 0.5 * dt * domain.rate).inverse();
         domain.cell.edges += dt * stretch * domain.cell.edges;
         domain.strain += dt * domain.rate;
-        shape(domain);
+        let Domain { cell, reference, crossed, .. } = domain;
+        shape(cell, |a, b, times| {
+            let step = times * reference.col(a);
+            *reference.col_mut(b) -= step;
+            // The same displacement in the new periods: n_a e_a + n_b e_b = (n_a + times n_b) e_a + n_b (e_b - times e_a).
+            for crossed in &mut *crossed {
+                crossed[a] += times as i32 * crossed[b];
+            }
+        });
     }
     wrap(domain, grains);
 }
 
-/// Chooses shorter period vectors of the same lattice when two of them lean too much.
-fn shape(domain: &mut Domain) {
-    let cell = &mut domain.cell;
+/// Chooses shorter period vectors of the same lattice when two of them lean too much; `each` is told of every time that
+/// `times` the vector a was taken off the vector b: of a, b and `times`.
+pub(crate) fn shape(cell: &mut Cell, mut each: impl FnMut(usize, usize, f64)) {
     loop {
         let lean = |a: usize, b: usize| {
             let (short, long) = (cell.edges.col(a), cell.edges.col(b));
@@ -183,12 +191,7 @@ fn shape(domain: &mut Domain) {
         let times = lean(a, b).round();
         let step = times * cell.edges.col(a);
         *cell.edges.col_mut(b) -= step;
-        let step = times * domain.reference.col(a);
-        *domain.reference.col_mut(b) -= step;
-        // The same displacement in the new periods: n_a e_a + n_b e_b = (n_a + times n_b) e_a + n_b (e_b - times e_a).
-        for crossed in &mut domain.crossed {
-            crossed[a] += times as i32 * crossed[b];
-        }
+        each(a, b, times);
     }
 }
 

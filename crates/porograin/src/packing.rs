@@ -8,8 +8,8 @@ pub use lattice::{Lattice, Misfit, lattice};
 
 use crate::grains::{Grains, sphere_volume};
 use crate::state::State;
-use glam::DVec3;
-use porograin_geometry::{Cell, order};
+use glam::{DMat3, DVec3};
+use porograin_geometry::{Cell, Period, order};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::RngCore;
 use std::fmt;
@@ -140,18 +140,14 @@ pub fn graded_cloud(
     };
     radius.iter_mut().for_each(|r| *r *= scale);
 
-    let (lower, extent) = (cell.origin, cell.upper() - cell.origin);
-    if extent.min_element() < 2.0 * radius[0] {
+    let mut room = Room::new(cell, 2.0 * radius[0], count);
+    if room.extent.min_element() < 2.0 * radius[0] {
         return Err(CloudError::Size { diameter: 2.0 * radius[0] });
     }
-    let mut room = Room::new(lower, extent, cell.periodic, 2.0 * radius[0], count);
     let mut position: Vec<DVec3> = Vec::with_capacity(count);
     for (k, &r) in radius.iter().enumerate() {
-        // Walls keep a radius away.
-        let edge = DVec3::from_array(cell.periodic.map(|p| if p { 0.0 } else { r }));
-        let free = extent - 2.0 * edge;
         let place = (0..TRIES).find_map(|_| {
-            let x = lower + edge + free * DVec3::new(uniform(), uniform(), uniform());
+            let x = room.somewhere(r, DVec3::new(uniform(), uniform(), uniform()));
             room.is_free(x, r, &position, &radius).then_some(x)
         });
         let Some(x) = place else { return Err(CloudError::Room { placed: k, count }) };
@@ -194,7 +190,10 @@ pub fn grow(state: &mut State, factor: f64) -> f64 {
 /// Grains placed so far, by cubes as large as the largest grain: chains through `next`, one per cube.
 struct Room {
     lower: DVec3,
+    /// Distance of opposite sides.
     extent: DVec3,
+    /// Edges of a cell that leans and what takes a vector to its coordinates along them; such a cell is cut along its edges.
+    leaning: Option<(DMat3, DMat3, Period)>,
     periodic: [bool; 3],
     per_length: DVec3,
     count: [usize; 3],
@@ -205,7 +204,15 @@ struct Room {
 const END: u32 = u32::MAX;
 
 impl Room {
-    fn new(lower: DVec3, extent: DVec3, periodic: [bool; 3], diameter: f64, grains: usize) -> Self {
+    fn new(cell: &Cell, diameter: f64, grains: usize) -> Self {
+        let (lower, edges, periodic) = (cell.origin, cell.edges, cell.periodic);
+        let size = DVec3::new(edges.x_axis.x, edges.y_axis.y, edges.z_axis.z);
+        let upright = edges == DMat3::from_diagonal(size);
+        let leaning = Period::of(cell).filter(|_| !upright).map(|period| (edges, edges.inverse(), period));
+        let extent = match &leaning {
+            None => cell.upper() - lower,
+            Some((_, along, _)) => DVec3::from([0, 1, 2].map(|axis| along.row(axis).length().recip())),
+        };
         let mut size = diameter;
         let count = loop {
             let count = (extent / size).floor().max(DVec3::ONE);
@@ -217,11 +224,25 @@ impl Room {
         let count_ = [count.x as usize, count.y as usize, count.z as usize];
         let head = vec![END; count_[0] * count_[1] * count_[2]];
         let (per_length, next) = (count / extent, Vec::with_capacity(grains));
-        Room { lower, extent, periodic, per_length, count: count_, head, next }
+        Room { lower, extent, leaning, periodic, per_length, count: count_, head, next }
+    }
+
+    /// A place for a grain of radius `r`, by three numbers from 0 to 1.
+    fn somewhere(&self, r: f64, part: DVec3) -> DVec3 {
+        // Walls keep a radius away.
+        let edge = DVec3::from_array(self.periodic.map(|p| if p { 0.0 } else { r }));
+        let Some((edges, ..)) = self.leaning else {
+            let free = self.extent - 2.0 * edge;
+            return self.lower + edge + free * part;
+        };
+        let edge = edge / self.extent;
+        self.lower + edges * (edge + (1.0 - 2.0 * edge) * part)
     }
 
     fn place(&self, x: DVec3) -> [usize; 3] {
-        let p = (x - self.lower) * self.per_length;
+        let from = x - self.lower;
+        let p =
+            self.leaning.as_ref().map_or(from, |(_, along, _)| *along * from * self.extent) * self.per_length;
         std::array::from_fn(|k| (p[k] as usize).min(self.count[k] - 1))
     }
 
@@ -248,6 +269,9 @@ impl Room {
 
     /// The shortest image of a difference.
     fn nearest(&self, mut difference: DVec3) -> DVec3 {
+        if let Some((.., period)) = &self.leaning {
+            return difference + period.nearest(difference);
+        }
         for axis in (0..3).filter(|&axis| self.periodic[axis]) {
             difference[axis] -= self.extent[axis] * (difference[axis] / self.extent[axis]).round();
         }

@@ -430,7 +430,11 @@ impl Measure {
                 now.regions.iter().map(|region| measure::region_porosity(now.state, region)).collect()
             }
             Measure::Grading => measure::PASSING.map(|part| measure::diameter(grains, part)).to_vec(),
-            Measure::Size => (domain.cell.upper() - domain.cell.origin).to_array().to_vec(),
+            Measure::Size => {
+                // Of periods that lean, how far each goes along its own axis.
+                let edges = domain.cell.edges;
+                vec![edges.x_axis.x, edges.y_axis.y, edges.z_axis.z]
+            }
             Measure::Settlement => vec![now.began.settlement(now.state)],
             Measure::Surface => {
                 let tops = grains.position.iter().zip(&grains.radius).map(|(x, r)| x.z + r);

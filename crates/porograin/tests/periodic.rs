@@ -362,6 +362,107 @@ until = { unbalanced = 1e-3, stress-error = 0.01, max-steps = 40000 }
     assert!(momentum.length() < 1e-2 * state.grains.mass.iter().sum::<f64>());
 }
 
+/// A frictionless sample in a cell that `domain` describes, with `packing`; until `until`.
+fn frictionless(domain: &str, packing: &str, stage: &str) -> String {
+    format!(
+        r#"
+title = "period vectors"
+[domain]
+periodic = "xyz"
+{domain}
+[grains]
+packing = {packing}
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 0.0
+[[stage]]
+name = "go"
+{stage}
+"#
+    )
+}
+
+/// The lattice of a cell has many period vectors: whichever a case names, the sample is the same. A sheared sample goes on in a new
+/// case from its grains and its period vectors.
+#[test]
+fn a_case_names_any_period_vectors() {
+    let stage = "cell = { stress = { xx = 1e3, yy = 1e3, zz = 1e3 } }\nuntil = { steps = 2500 }\n\
+                 [[stage]]\nname = \"shear\"\ncell = { gradient = { xz = 15.0, yx = 7.0 } }\nuntil = { steps = 1500 }";
+    let cloud = "{ cloud = { count = 100, spread = 0.2, seed = 1, porosity = 0.6 } }";
+    let before = run(&frictionless("size = [0.01, 0.01, 0.01]", cloud, stage));
+    let (cell, grains) = (before.state.domain.cell, &before.state.grains);
+    let stress = measure::contact_stress(&before.state, before.model());
+    assert!(cell.edges.z_axis.x.abs() > 1e-4 && stress.x_axis.x > 100.0, "{cell:?} {stress}");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let line = |k: usize| {
+        let (x, r) = (grains.position[k], grains.radius[k]);
+        format!("{:e},{:e},{:e},{r:e}\n", x.x, x.y, x.z)
+    };
+    std::fs::write(folder.join("leaning.csv"), (0..grains.len()).map(line).collect::<String>()).unwrap();
+    let [a, b, c] = [0, 1, 2].map(|k| cell.edges.col(k));
+    for periods in [[a, b, c], [a, b + 3.0 * a, c - 2.0 * b + a]] {
+        let words: Vec<String> =
+            periods.iter().map(|v| format!("[{:e}, {:e}, {:e}]", v.x, v.y, v.z)).collect();
+        let domain = format!("periods = [{}]", words.join(", "));
+        let text = frictionless(&domain, "{ file = \"leaning.csv\" }", "until = { steps = 1 }");
+        let case = Case::from_text("case.toml", &text, folder, &[]).unwrap_or_else(|e| panic!("{e}"));
+        let simulation = Simulation::new(&case).unwrap();
+        let state = &simulation.state;
+        assert!(Period::of(&state.domain.cell).unwrap().height() > 0.8 * Period::of(&cell).unwrap().height());
+        // A step too short to move anything finds the contacts.
+        let model = Model { time_step: TimeStep::Fixed(1e-15), ..simulation.model().clone() };
+        let mut state = state.clone();
+        step(&mut state, &model, &mut Work::default()).unwrap();
+        let mut then = before.state.clone();
+        then.grains.velocity.fill(DVec3::ZERO);
+        (then.domain.rate, then.domain.gradient) = Default::default();
+        step(&mut then, &model, &mut Work::default()).unwrap();
+        let difference = measure::contact_stress(&state, &model) - measure::contact_stress(&then, &model);
+        assert_eq!(state.contacts.len(), then.contacts.len());
+        assert!(difference.to_cols_array().iter().all(|d| d.abs() < 1e-9 * stress.x_axis.x), "{difference}");
+    }
+}
+
+/// Between two plates the period vectors lie along them; grains are thrown and spread in cells that lean.
+#[test]
+fn clouds_and_lattices_fill_cells_that_lean() {
+    let two = "size = [0.01, 0.01, 0.01]";
+    for (periodic, periods) in [
+        ("xyz", "[[0.01, 0.0, 0.0], [0.004, 0.01, 0.0], [-0.003, 0.002, 0.012]]"),
+        ("xy", "[[0.01, 0.002, 0.0], [-0.004, 0.01, 0.0], [0.0, 0.0, 0.012]]"),
+    ] {
+        for packing in [
+            "{ cloud = { count = 200, spread = 0.2, seed = 1, porosity = 0.75 } }",
+            "{ lattice = { count = [5, 5, 6], radius = 0.9e-3 } }",
+        ] {
+            let text = frictionless(two, packing, "until = { steps = 1 }")
+                .replace("\"xyz\"", &format!("\"{periodic}\""))
+                .replace(two, &format!("periods = {periods}"));
+            let case =
+                Case::from_text("case.toml", &text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}"));
+            let state = Simulation::new(&case).unwrap().state;
+            let (cell, grains) = (state.domain.cell, &state.grains);
+            let asked = if packing.contains("cloud") { 0.75 } else { measure::porosity(&state) };
+            assert!((measure::porosity(&state) - asked).abs() < 1e-12);
+            let across = if periodic == "xyz" { 0.012 } else { 0.012 * (1.0 + 0.08) };
+            assert!((cell.volume() / (1e-4 * across) - 1.0).abs() < 1e-12, "{}", cell.volume());
+            let period = Period::of(&cell).unwrap();
+            for (i, &x) in grains.position.iter().enumerate() {
+                assert_eq!(period.beyond(x), DVec3::ZERO);
+                let r = grains.radius[i];
+                assert!(periodic == "xyz" || (r..=0.012 - r).contains(&x.z), "{x}");
+                for j in 0..i {
+                    let branch = grains.position[j] - x;
+                    let gap = (branch + period.nearest(branch)).length() - grains.radius[j] - r;
+                    assert!(gap > 0.0, "{i} {j} {gap:e}");
+                }
+            }
+        }
+    }
+}
+
 /// Resident memory of this process [pages].
 #[cfg(target_os = "linux")]
 fn resident() -> u64 {

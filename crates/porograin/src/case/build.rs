@@ -2,11 +2,12 @@
 
 use super::{Case, CaseError, Cloud, Packing, StageTable, StageWater, Until};
 use crate::boundary::{Domain, Signal};
+use crate::cell;
 use crate::compaction::Compact;
 use crate::contact::{Contacts, Laws};
 use crate::grains::{Grains, Shape};
 use crate::growth::Grow;
-use crate::import;
+use crate::import::{self, Spheres};
 use crate::model::Model;
 use crate::packing::{self, Grading};
 use crate::rain::{Kind, Rain};
@@ -14,8 +15,8 @@ use crate::state::State;
 use crate::trouble::On;
 use crate::walls::Place;
 use crate::watch::Measure;
-use glam::DVec3;
-use porograin_geometry::Cell;
+use glam::{DMat3, DVec3};
+use porograin_geometry::{Cell, Period};
 
 /// Local damping of a dry stage when the case does not say (Catalano 2.15).
 const DRY_DAMPING: f64 = 0.2;
@@ -110,10 +111,15 @@ impl Case {
         (lower, lower + DVec3::from_array(self.domain.size))
     }
 
-    /// The box or the period at the start.
+    /// The box or the period at the start, its period vectors well chosen.
     pub fn cell(&self) -> Cell {
         let (lower, upper) = self.corners();
-        Cell { periodic: self.domain.periodic.0, ..Cell::walled(lower, upper) }
+        let mut cell = Cell { periodic: self.domain.periodic.0, ..Cell::walled(lower, upper) };
+        if let Some(periods) = self.domain.periods {
+            cell.edges = DMat3::from_cols_array_2d(&periods);
+            cell::shape(&mut cell, |_, _, _| ());
+        }
+        cell
     }
 
     /// Makes the grains and the stages.
@@ -174,7 +180,6 @@ impl Case {
     }
 
     fn make_grains(&self) -> Result<Grains, CaseError> {
-        let (lower, upper) = self.corners();
         let density = self.grains.density;
         match &self.grains.packing {
             Packing::Lattice(lattice) => {
@@ -190,7 +195,7 @@ impl Case {
                         );
                         self.source.fault(&format!("domain.size.{}", misfit.axis), sentence)
                     })?,
-                    None => spread(lattice.count.unwrap_or_default(), lower, upper),
+                    None => spread(lattice.count.unwrap_or_default(), &self.cell()),
                 };
                 if position.is_empty() {
                     let sentence = format!("no sphere of radius {} m fits into the box", lattice.radius);
@@ -207,11 +212,31 @@ impl Case {
                 let text =
                     import::read(&path).map_err(|e| self.source.fault("grains.packing.file", e.sentence))?;
                 let spheres = import::spheres(&name, &text)?;
-                spheres.within(&name, &text, lower, upper)?;
+                let spheres = self.placed(spheres, &name, &text)?;
                 let grains = Grains::shaped(self.shape(), spheres.position, spheres.radius, density);
                 Ok(Grains { velocity: spheres.velocity, ..grains })
             }
         }
+    }
+
+    /// Grains of a file checked against the domain; those of a cell given by its periods may stand in any image of it.
+    fn placed(&self, mut spheres: Spheres, name: &str, text: &str) -> Result<Spheres, CaseError> {
+        let (cell, (mut lower, mut upper)) = (self.cell(), self.corners());
+        if self.domain.periods.is_none() {
+            spheres.within(name, text, lower, upper)?;
+            return Ok(spheres);
+        }
+        spheres.within_period(name, text, &cell)?;
+        let extent = spheres.position.iter().fold(DVec3::ZERO, |most, x| most.max((*x - cell.origin).abs()));
+        for axis in (0..3).filter(|&axis| cell.periodic[axis]) {
+            lower[axis] -= extent[axis];
+            upper[axis] += extent[axis];
+        }
+        spheres.within(name, text, lower, upper)?;
+        if let Some(period) = Period::of(&cell) {
+            spheres.position.iter_mut().for_each(|x| *x -= period.shift(period.beyond(*x)));
+        }
+        Ok(spheres)
     }
 
     /// The cell, or the part of it that a cloud fills.
@@ -239,14 +264,19 @@ impl Case {
     }
 }
 
-/// Centres of a simple cubic lattice spread evenly over the box.
-fn spread([nx, ny, nz]: [usize; 3], lower: DVec3, upper: DVec3) -> Vec<DVec3> {
-    let pitch = (upper - lower) / DVec3::new(nx as f64, ny as f64, nz as f64);
+/// Centres of a lattice spread evenly over the box: simple cubic, and leaning with a cell that leans.
+fn spread([nx, ny, nz]: [usize; 3], cell: &Cell) -> Vec<DVec3> {
+    let count = DVec3::new(nx as f64, ny as f64, nz as f64);
+    let pitch = DMat3::from_cols(
+        cell.edges.x_axis / count.x,
+        cell.edges.y_axis / count.y,
+        cell.edges.z_axis / count.z,
+    );
     let mut position = Vec::with_capacity(nx * ny * nz);
     for z in 0..nz {
         for y in 0..ny {
             for x in 0..nx {
-                position.push(lower + pitch * (DVec3::new(x as f64, y as f64, z as f64) + 0.5));
+                position.push(cell.origin + pitch * (DVec3::new(x as f64, y as f64, z as f64) + 0.5));
             }
         }
     }

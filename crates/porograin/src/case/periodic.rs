@@ -6,6 +6,7 @@ use crate::boundary::Signal;
 use crate::cell::{COMPONENTS, CellRule};
 use crate::grains::Grains;
 use crate::model::Flow;
+use glam::DMat3;
 use porograin_geometry::{Cell, Neighbours, Period};
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 
@@ -54,6 +55,60 @@ impl Case {
                 );
             }
         }
+        Ok(())
+    }
+
+    /// The size of the cell is given, or its periods, not both; periods lie along the walls, and each goes up along its own axis, which
+    /// [`DomainTable::size`](super::DomainTable::size) then tells.
+    pub(super) fn check_periods(&mut self) -> Result<(), CaseError> {
+        let (path, walled) = ("domain.periods", self.domain.periodic.0.map(|periodic| !periodic));
+        let Some(periods) = self.domain.periods else {
+            let there = self.source.has("domain.size");
+            return if there {
+                Ok(())
+            } else {
+                self.refuse("domain", "the key `size` is missing in `domain`")
+            };
+        };
+        if self.source.has("domain.size") {
+            return self.refuse(path, "the cell has a `size` and `periods`: give one of the two");
+        }
+        if walled == [true; 3] || self.domain.discs {
+            return self
+                .refuse(path, "only a periodic domain of spheres has `periods`: give a box its `size`");
+        }
+        for (k, name) in AXES.into_iter().enumerate() {
+            let along = periods[k][k];
+            if along <= 0.0 {
+                let sentence =
+                    format!("period {} must go up along {name}, its own axis, not by {along} m", k + 1);
+                return self.refuse(&format!("{path}.{k}"), sentence);
+            }
+            let leans = |axis: usize| axis != k && (walled[axis] || walled[k]) && periods[k][axis] != 0.0;
+            if let Some(axis) = (0..3).find(|&axis| leans(axis)) {
+                let sentence = format!(
+                    "edge {} leans along {} by {} m, but the walls of this domain are across x, y or z",
+                    k + 1,
+                    AXES[axis],
+                    periods[k][axis]
+                );
+                return self.refuse(&format!("{path}.{k}"), sentence);
+            }
+        }
+        let edges = DMat3::from_cols_array_2d(&periods);
+        let room = (0..3).map(|k| edges.col(k).length()).product::<f64>();
+        if edges.determinant() < 1e-6 * room {
+            return self.refuse(path, "the periods enclose no volume, or turn left-handed");
+        }
+        for (key, what) in [("cloud.within", "a part of it"), ("lattice.arrangement", "touching spheres")] {
+            let path = format!("grains.packing.{key}");
+            if self.source.has(&path) {
+                let sentence =
+                    format!("a cell given by its periods is not filled with {what}: give a `size`");
+                return self.refuse(&path, sentence);
+            }
+        }
+        self.domain.size = [0, 1, 2].map(|k| periods[k][k]);
         Ok(())
     }
 
@@ -107,7 +162,7 @@ impl Case {
         Err(self
             .source
             .fault(
-                "domain.size",
+                if self.domain.periods.is_some() { "domain.periods" } else { "domain.size" },
                 format!("the periodic cell is {height:.4e} m across, these grains need at least {room:.4e} m"),
             )
             .hint("a grain must see one image of each neighbour only: twice the largest diameter, and room to move"))
