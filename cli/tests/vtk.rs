@@ -196,3 +196,88 @@ fn places_are_told_pressure_and_velocity() {
         assert!((fell - fall).abs() < 1e-9, "{column}: {fell}");
     }
 }
+
+/// Grains of two materials pressed between two plates of a periodic cell, and the sample's own numbers.
+const PRESSED: &str = r#"
+title = "two plates"
+gravity = [0.0, 0.0, -9.81]
+[domain]
+size = [0.01, 0.01, 0.012]
+periodic = "xy"
+[grains]
+packing = { cloud = { count = 120, spread = 0.2, seed = 1, porosity = 0.7 } }
+density = 2600.0
+[material.glass]
+part = 0.5
+[material.steel]
+part = 0.5
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 10.0
+[face.top]
+solid = { servo = { stress = 1000.0 } }
+[[stage]]
+name = "press"
+until = { steps = 8000 }
+[[watch]]
+measures = ["stress-tensor", "contacts", "size"]
+every = { steps = 1000 }
+[output]
+network = true
+"#;
+
+/// Contacts are lines with their forces: what they carry is the stress of the sample, and each grain knows how many it has.
+#[test]
+fn contacts_carry_the_stress_of_the_sample() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("vtk").join("pressed");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("case.toml"), PRESSED).unwrap();
+    let run = ["run", "case.toml", "--out", "out", "--quiet"];
+    let status =
+        Command::new(env!("CARGO_BIN_EXE_porograin")).args(run).current_dir(&folder).status().unwrap();
+    assert!(status.success());
+    let history = std::fs::read_to_string(folder.join("out/history.csv")).unwrap();
+    let mut lines = history.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let (heads, row) = (lines.next().unwrap(), lines.next_back().unwrap());
+    let value = |name: &str| -> f64 {
+        let column = heads.iter().position(|head| head.starts_with(&format!("{name} ["))).unwrap();
+        row[column].parse().unwrap()
+    };
+    let (contacts, grains) = (
+        arrays(&folder.join("out/vtk/contacts_000000.vtp")),
+        arrays(&folder.join("out/vtk/grains_000000.vtp")),
+    );
+    let lines = cells(&contacts);
+    // A pair that has just parted is no contact any more.
+    assert!(lines.len() as f64 <= value("contacts") && lines.len() as f64 > 0.98 * value("contacts"));
+    let volume = value("size_x") * value("size_y") * value("size_z");
+    let forces = contacts["force [N]"].vectors();
+    for (a, letter) in ["x", "y", "z"].into_iter().enumerate() {
+        for (b, other) in ["x", "y", "z"].into_iter().enumerate() {
+            let carried: f64 =
+                lines.iter().zip(&forces).map(|(line, force)| force[a] * (line[1][b] - line[0][b])).sum();
+            let asked = value(&format!("stress_tensor_{letter}{other}"));
+            assert!(
+                (carried / volume - asked).abs() < 1e-9 * 1000.0,
+                "{letter}{other} {:e} {asked}",
+                carried / volume
+            );
+        }
+    }
+    for (k, (line, force)) in lines.iter().zip(&forces).enumerate() {
+        let along: Vec<f64> = (0..3).map(|c| line[1][c] - line[0][c]).collect();
+        let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let normal: f64 = (0..3).map(|c| force[c] * along[c] / length).sum();
+        let (n, t) = (contacts["normal force [N]"].values[k], contacts["tangential force [N]"].values[k]);
+        assert!((n - normal).abs() < 1e-12 && n >= 0.0 && t <= n * 10f64.to_radians().tan() * (1.0 + 1e-9));
+        assert!(length < 2.6e-3 && contacts["overlap [m]"].values[k] >= 0.0, "{length}");
+    }
+    let mean = grains["contacts"].values.iter().sum::<f64>() / 120.0;
+    assert!((mean - value("coordination")).abs() < 1e-12, "{mean}");
+    let carrying = grains["carries load"].values.iter().filter(|&&carries| carries == 1.0).count();
+    assert_eq!(carrying as f64, 120.0 - value("rattlers"));
+    let steel = grains["material"].values.iter().filter(|&&material| material == 1.0).count();
+    assert!((40..80).contains(&steel), "{steel}");
+}

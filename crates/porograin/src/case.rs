@@ -283,7 +283,7 @@ pub struct FaceRule {
 pub struct OutputTable {
     /// When to write grains and pores for ParaView; the end of every stage is always written.
     pub vtk: Option<crate::watch::Every>,
-    /// Whether a frame has the throats and the Voronoi edges too.
+    /// Whether a frame has the contacts, the throats and the Voronoi edges too.
     pub network: bool,
     /// Seconds of wall time between checkpoints; the end of every stage is always one.
     pub checkpoint: f64,

@@ -18,6 +18,18 @@ pub fn coordination(state: &State) -> f64 {
     ends as f64 / state.grains.len().max(1) as f64
 }
 
+/// Number of contacts of each grain.
+pub fn contacts_of_grains(state: &State) -> Vec<u32> {
+    let mut count = vec![0; state.grains.len()];
+    for [i, j] in state.contacts.pairs() {
+        count[i as usize] += 1;
+        if wall(j).is_none() {
+            count[j as usize] += 1;
+        }
+    }
+    count
+}
+
 /// Fabric tensor `<n ⊗ n>` of the contacts between grains [-], its trace 1; zero without contacts.
 pub fn fabric(state: &State, model: &Model) -> DMat3 {
     let between = super::contact_forces(state, model).filter(|([_, second], ..)| wall(*second).is_none());

@@ -17,8 +17,8 @@ pub use energy::{elastic_energy, kinetic_energy, kinetic_energy_at, kinetic_ener
 pub use flow::{PoreFlow, Site, Walk};
 pub use local::{Local, displacement, local, places, strain_deviator};
 pub use microstructure::{
-    PASSING, carrying, compression, coordination, diameter, fabric, oedometric_modulus, porosity, rattlers,
-    settlement,
+    PASSING, carrying, compression, contacts_of_grains, coordination, diameter, fabric, oedometric_modulus,
+    porosity, rattlers, settlement,
 };
 pub use region::{Region, region_porosity};
 pub use sensor::{Found, Sensor};

@@ -315,6 +315,9 @@ impl Folder {
             replace(&path, &bytes).map_err(|e| (path, e))
         };
         put(Kind::Grains, frame::grains(now))?;
+        if self.network {
+            put(Kind::Contacts, frame::contacts(now))?;
+        }
         let (pores, grid) = (frame::pores(now), frame::grid(now));
         let walls = frame::walls(now);
         let network = self.network.then(|| frame::network(now)).flatten();
@@ -345,7 +348,7 @@ impl Folder {
     fn write_series(&self) -> io::Result<()> {
         for kind in KINDS {
             let files: Vec<(f64, String)> = (self.written.frames.iter().enumerate())
-                .filter(|(_, frame)| kind.is_in(frame))
+                .filter(|(_, frame)| kind.is_in(frame, self.network))
                 .map(|(k, frame)| (frame.time, kind.file(k)))
                 .collect();
             let path = self.path.join("vtk").join(kind.series());
@@ -383,7 +386,8 @@ fn table_of(field: &Field) -> String {
 }
 
 /// All series of frames.
-const KINDS: [Kind; 6] = [Kind::Grains, Kind::Pores, Kind::Grid, Kind::Walls, Kind::Throats, Kind::Edges];
+const KINDS: [Kind; 7] =
+    [Kind::Grains, Kind::Contacts, Kind::Pores, Kind::Grid, Kind::Walls, Kind::Throats, Kind::Edges];
 
 /// The state at the last checkpoint of the run in the folder `path`; nothing is changed there.
 ///
@@ -403,6 +407,7 @@ pub fn last_state(path: &Path) -> Result<State, FolderError> {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Grains,
+    Contacts,
     Pores,
     Grid,
     Walls,
@@ -414,6 +419,7 @@ impl Kind {
     fn parts(self) -> (&'static str, &'static str) {
         match self {
             Kind::Grains => ("grains_", ".vtp"),
+            Kind::Contacts => ("contacts_", ".vtp"),
             Kind::Pores => ("pores_", ".vtu"),
             Kind::Grid => ("grid_", ".vtu"),
             Kind::Walls => ("walls_", ".vtp"),
@@ -422,9 +428,10 @@ impl Kind {
         }
     }
 
-    fn is_in(self, frame: &Frame) -> bool {
+    fn is_in(self, frame: &Frame, network: bool) -> bool {
         match self {
             Kind::Grains => true,
+            Kind::Contacts => network,
             Kind::Pores => frame.pores,
             Kind::Grid => frame.grid,
             Kind::Walls => frame.walls,
@@ -447,6 +454,7 @@ impl Kind {
     fn series(self) -> &'static str {
         match self {
             Kind::Grains => "grains.pvd",
+            Kind::Contacts => "contacts.pvd",
             Kind::Pores => "pores.pvd",
             Kind::Grid => "grid.pvd",
             Kind::Walls => "walls.pvd",

@@ -21,6 +21,11 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     };
     let radius: Vec<f64> = order.iter().map(|&i| grains.radius[i]).collect();
     let id: Vec<u32> = order.iter().map(|&i| grains.id[i]).collect();
+    let whole = |values: &dyn Fn(usize) -> u32| -> Vec<u32> { order.iter().map(|&i| values(i)).collect() };
+    let (touching, carrying) = (measure::contacts_of_grains(now.state), measure::carrying(now.state));
+    let contacts = whole(&|i| touching[i]);
+    let carries = whole(&|i| u32::from(carrying[i]));
+    let material = whole(&|i| u32::from(grains.material[i]));
     let (velocity, spin) = (vectors(&grains.velocity), vectors(&grains.spin));
     let force = vectors(&now.loads.force);
     let mut water = Loads::default();
@@ -60,6 +65,9 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
         Field { name: "displacement [m]", values: Values::Vectors(&displacement) },
         Field { name: "stress deviator [Pa]", values: Values::Scalars(&deviator) },
         Field { name: "id", values: Values::Integers(&id) },
+        Field { name: "material", values: Values::Integers(&material) },
+        Field { name: "contacts", values: Values::Integers(&contacts) },
+        Field { name: "carries load", values: Values::Integers(&carries) },
         Field { name: "radius [m]", values: Values::Scalars(&radius) },
         Field { name: "velocity [m/s]", values: Values::Vectors(&velocity) },
         Field { name: "spin [rad/s]", values: Values::Vectors(&spin) },
@@ -69,6 +77,35 @@ pub fn grains(now: &Snapshot) -> Vec<u8> {
     ];
     let all: Vec<Field> = always.into_iter().chain(fields.into_iter().flatten()).collect();
     vtk::points(&vectors(&grains.position), &all)
+}
+
+/// The contacts as lines, from the centre of the first grain to that of the image of the second that it touches, or to the contact point at a
+/// wall, with their forces: as a vector on the second, its part along the line (positive where it presses) and the size of that across it.
+pub fn contacts(now: &Snapshot) -> Vec<u8> {
+    let (mut points, mut force, mut normal, mut tangential, mut overlap) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for ([first, second], touch, on_first) in measure::contact_forces(now.state, now.model) {
+        let from = now.state.grains.position[first as usize];
+        let [near, far] = touch.levers();
+        let branch = if wall(second).is_some() { near } else { near + far };
+        points.extend([from, from + branch * touch.normal]);
+        let along = -on_first.dot(touch.normal);
+        normal.push(along);
+        tangential.push((on_first + along * touch.normal).length());
+        force.push(-on_first);
+        overlap.push(touch.overlap);
+    }
+    vtk::cells(
+        Cells::Lines,
+        &points,
+        (0..normal.len()).map(|k| 2 * k + 2),
+        &[
+            Field { name: "force [N]", values: Values::Vectors(&force) },
+            Field { name: "normal force [N]", values: Values::Scalars(&normal) },
+            Field { name: "tangential force [N]", values: Values::Scalars(&tangential) },
+            Field { name: "overlap [m]", values: Values::Scalars(&overlap) },
+        ],
+    )
 }
 
 /// The walls that the case adds, where they are now; `None` when there are none.
