@@ -8,6 +8,9 @@ use porograin::output::chart::{Axis, Chart, Mark, Series, svg};
 use porograin::run::Simulation;
 use std::path::PathBuf;
 
+mod chance;
+use chance::Known;
+
 const GRAVITY: f64 = 9.81;
 
 fn example(name: &str) -> PathBuf {
@@ -16,6 +19,12 @@ fn example(name: &str) -> PathBuf {
 
 fn start(path: PathBuf) -> Simulation {
     Simulation::new(&Case::from_file(&path, &[]).unwrap()).unwrap()
+}
+
+/// The example with another seed.
+fn sample(name: &str, seed: usize) -> Simulation {
+    let set = format!("grains.packing.cloud.seed={seed}");
+    Simulation::new(&Case::from_file(&example(name).join("case.toml"), &[set]).unwrap()).unwrap()
 }
 
 fn draw(file: PathBuf, charts: &[Chart]) {
@@ -43,59 +52,114 @@ fn line(points: &[[f64; 2]]) -> [f64; 3] {
     [xy / xx, y - xy / xx * x, xy * xy / (xx * yy)]
 }
 
-/// Grains run out of a round hole at a steady rate, that of Beverloo et al. (1961): `C rho sqrt(g) (D - k d)^(5/2)`.
+/// What a silo shows before and while it runs out.
+struct Silo {
+    /// What floor, lid and walls push upwards while it is filled, over what weight and momentum ask for.
+    pushed: f64,
+    /// What floor, lid and walls carry at rest, and of it floor and lid, over the weight.
+    carried: f64,
+    floor: f64,
+    /// Solid fraction between 1.5 and 4.5 mm above the floor.
+    solid: f64,
+    /// Time since the lid went [s] and mass that has run out [kg].
+    out: Vec<[f64; 2]>,
+}
+
+impl Silo {
+    fn run(seed: usize) -> Silo {
+        let mut simulation = sample("16-silo", seed);
+        let mut out: Vec<[f64; 2]> = Vec::new();
+        let (mut all, mut rest, mut solid) = ([0.0; 2], [0.0; 3], None);
+        let mut before = 0.0;
+        let weight = GRAVITY * simulation.state.grains.mass.iter().sum::<f64>();
+        while simulation.advance().unwrap().is_some() {
+            let Simulation { state, progress, .. } = &simulation;
+            let (grains, places) = (&state.grains, &state.domain.walls);
+            if progress.stage == 0 {
+                // Impulses, from half a step before the last state to half a step before this one.
+                let kick = 0.5 * (before + state.dt);
+                before = state.dt;
+                let [floor, silo, lid] = [0, 1, 2].map(|k| -places[k].force.z * kick);
+                let up: f64 = grains.velocity.iter().zip(&grains.mass).map(|(v, m)| v.z * m).sum();
+                all = [all[0] + floor + silo + lid, weight * (state.time - 0.5 * state.dt) + up];
+                // At rest but for some grains that still bounce: the last quarter.
+                if state.time > 0.15 {
+                    rest = [rest[0] + floor + silo + lid, rest[1] + floor + lid, rest[2] + weight * kick];
+                }
+            }
+            if progress.stage == 1 {
+                solid.get_or_insert_with(|| {
+                    let inside = grains.position.iter().zip(&grains.radius);
+                    let inside = inside.filter(|(x, _)| (1.5e-3..4.5e-3).contains(&x.z));
+                    let solid: f64 = inside.map(|(_, r)| porograin::grains::sphere_volume(*r)).sum();
+                    solid / (std::f64::consts::PI * 0.0075_f64.powi(2) * 3e-3)
+                });
+                if state.step % 50 == 0 {
+                    let gone = grains.position.iter().zip(&grains.mass).filter(|(x, _)| x.z < 0.0);
+                    let time = state.time - progress.began.unwrap_or_default().time;
+                    out.push([time, gone.map(|(_, m)| m).sum::<f64>()]);
+                }
+            }
+        }
+        let [carried, floor] = [rest[0] / rest[2], rest[1] / rest[2]];
+        Silo { pushed: all[0] / all[1], carried, floor, solid: solid.unwrap(), out }
+    }
+
+    /// Rate [kg/s], constant of the straight line [kg], and the part of the variance it explains.
+    fn steady(&self) -> [f64; 3] {
+        line(&self.out.iter().copied().filter(|p| (0.05..0.25).contains(&p[0])).collect::<Vec<_>>())
+    }
+}
+
+/// What is known of one silo holds for the mean of some. In the time of the measurement 260 grains run out of each: rates of single
+/// silos differ by 7 %, as the root of that says.
+fn as_known(silos: &[Silo]) {
+    let known = |mean, deviation| Known { mean, deviation, samples: 16 };
+    let of = |number: &dyn Fn(&Silo) -> f64| silos.iter().map(number).collect::<Vec<_>>();
+    known(0.552, 0.0079).holds("solid fraction", &of(&|silo| silo.solid));
+    known(0.983, 0.0076).holds("part of the weight on the floor", &of(&|silo| silo.floor));
+    known(1.754e-3, 0.123e-3).holds("rate", &of(&|silo| silo.steady()[0]));
+    let beverloo = |solid: f64| 0.58 * 2600.0 * solid * GRAVITY.sqrt() * (5e-3_f64 - 1.4e-3).powf(2.5);
+    known(0.865, 0.060).holds("rate over Beverloo's", &of(&|silo| silo.steady()[0] / beverloo(silo.solid)));
+}
+
+#[test]
+#[ignore = "long: eight silos, half a minute of CPU"]
+fn eight_silos_run_out_as_is_known() {
+    as_known(&[9, 10, 11, 12, 13, 14, 15, 16].map(Silo::run));
+}
+
+/// Grains run out of a round hole at a steady rate, near that of Beverloo et al. (1961): `C rho sqrt(g) (D - k d)^(5/2)`.
 #[test]
 fn a_silo_runs_out_at_the_rate_of_beverloo() {
-    let mut simulation = start(example("16-silo").join("case.toml"));
-    let mut out: Vec<[f64; 2]> = Vec::new();
-    let mut at_rest = None;
-    while simulation.advance().unwrap().is_some() {
-        let Simulation { state, progress, .. } = &simulation;
-        if progress.stage == 1 && at_rest.is_none() {
-            // What the walls carry, and the solid fraction between 2 and 8 diameters.
-            let carried: f64 = state.domain.walls.iter().map(|place| place.force.z).sum();
-            let weight = GRAVITY * state.grains.mass.iter().sum::<f64>();
-            let inside = state
-                .grains
-                .position
-                .iter()
-                .zip(&state.grains.radius)
-                .filter(|(x, _)| (1.5e-3..4.5e-3).contains(&x.z));
-            let solid: f64 = inside.map(|(_, r)| porograin::grains::sphere_volume(*r)).sum();
-            let floor = -state.domain.walls[0].force.z - state.domain.walls[2].force.z;
-            at_rest = Some([
-                -carried / weight,
-                floor / weight,
-                solid / (std::f64::consts::PI * 0.0075_f64.powi(2) * 3e-3),
-            ]);
-        }
-        if progress.stage == 1 && state.step % 50 == 0 {
-            let grains = &state.grains;
-            let gone = grains.position.iter().zip(&grains.mass).filter(|(x, _)| x.z < 0.0).map(|(_, m)| m);
-            out.push([state.time - progress.began.unwrap_or_default().time, gone.sum::<f64>()]);
-        }
+    let silos = [1, 2, 3].map(Silo::run);
+    for silo in &silos {
+        let Silo { pushed, carried, floor, .. } = silo;
+        // Momentum, exactly; at rest the weight, but for what a few grains still do.
+        assert!((pushed - 1.0).abs() < 1e-6, "pushed {pushed}");
+        assert!((carried - 1.0).abs() < 1e-3, "carried {carried}");
+        // What Janssen's law leaves on the floor: bed 5.4 mm high, friction 0.5, K = 1 - sin 26.6 degrees, all friction upwards or all downwards.
+        let janssen = |x: f64| (1.0 - (-x).exp()) / x;
+        let [least, most] = [1.0, -1.0].map(|sign| janssen(sign * 4.0 * 0.5 * 0.55 * 5.4 / 15.0));
+        assert!(*floor > least && *floor < most, "the floor carries {floor}, Janssen {least} to {most}");
+        let [_, _, straight] = silo.steady();
+        assert!(straight > 0.98, "the rate is steady: {straight}");
     }
-    let [carried, floor, solid] = at_rest.unwrap();
-    let steady: Vec<[f64; 2]> = out.iter().copied().filter(|p| (0.05..0.25).contains(&p[0])).collect();
-    let [rate, from, straight] = line(&steady);
-    let beverloo = 0.58 * 2600.0 * solid * GRAVITY.sqrt() * (5e-3_f64 - 1.4e-3).powf(2.5);
-    assert!((carried - 1.0).abs() < 0.005, "carried {carried}");
-    assert!(floor > 0.98 && floor < carried + 1e-3, "the floor carries {floor}");
-    assert!((solid - 0.53).abs() < 0.01, "solid fraction {solid}");
-    assert!(straight > 0.995, "the rate is steady: {straight}");
-    assert!((1e3 * rate - 1.83).abs() < 0.08, "rate {rate}");
-    assert!((rate / beverloo - 0.94).abs() < 0.06, "rate over Beverloo's {}", rate / beverloo);
-    let fit = vec![[0.0, 1e3 * from], [0.3, 1e3 * (from + 0.3 * rate)]];
+    as_known(&silos);
+    let found = silos.iter().zip(1..).map(|(silo, seed)| {
+        let points = silo.out.iter().map(|p| [p[0], 1e3 * p[1]]).collect();
+        series(&format!("sample {seed}"), points, Mark::Line, [0, 2, 3][seed - 1])
+    });
+    let [rate, from] = [0, 1].map(|k| silos.iter().map(|silo| silo.steady()[k]).sum::<f64>() / 3.0);
+    let mean =
+        series("mean, steady", vec![[0.0, 1e3 * from], [0.3, 1e3 * (from + 0.3 * rate)]], Mark::Line, 1);
     draw(
         example("16-silo").join("rate.svg"),
         &[Chart {
             title: "what has run out".into(),
             x: axis("time since the lid went [s]", [0.0, 0.3]),
-            y: axis("mass [g]", [0.0, 1.0]),
-            series: vec![
-                series("found", out.iter().map(|p| [p[0], 1e3 * p[1]]).collect(), Mark::Dots, 0),
-                series("steady", fit, Mark::Line, 1),
-            ],
+            y: axis("mass [g]", [0.0, 0.6]),
+            series: found.chain([mean]).collect(),
         }],
     );
 }
@@ -296,39 +360,54 @@ fn an_inclined_flow_follows_the_friction_law_of_sheared_samples() {
     );
 }
 
-/// A tube full of grains is lifted: they come to rest in a heap with straight slopes.
+/// A tube full of grains is lifted: they come to rest in a heap with straight slopes, as steep as the grains resist rolling.
 #[test]
 fn a_heap_has_an_angle_of_repose() {
-    let mut simulation = start(example("12-heap").join("case.toml"));
-    while simulation.advance().unwrap().is_some() {}
-    let grains = &simulation.state.grains;
-    let kinetic = measure::kinetic_energy(grains);
-    // The surface: the highest grain in each ring.
-    let mut top = [0.0_f64; 30];
-    for (x, r) in grains.position.iter().zip(&grains.radius) {
-        let ring = (x.truncate().length() / 1e-3) as usize;
-        if ring < top.len() {
-            top[ring] = top[ring].max(x.z + r);
+    const RINGS: usize = 30;
+    let samples = if std::env::var_os("PICTURE").is_some() { 8 } else { 3 };
+    let (mut surfaces, mut centres) = (Vec::new(), Vec::new());
+    for seed in 1..=samples {
+        let mut simulation = sample("12-heap", seed);
+        while simulation.advance().unwrap().is_some() {}
+        let grains = &simulation.state.grains;
+        // The surface: the highest grain in each ring.
+        let mut top = [0.0_f64; RINGS];
+        for (x, r) in grains.position.iter().zip(&grains.radius) {
+            let ring = (x.truncate().length() / 1e-3) as usize;
+            if ring < RINGS {
+                top[ring] = top[ring].max(x.z + r);
+            }
         }
+        surfaces.push(top);
+        centres.push(grains.position.iter().map(|x| x.z).sum::<f64>() / grains.len() as f64);
+        let kinetic = measure::kinetic_energy(grains);
+        let speed = (2.0 * kinetic / grains.mass.iter().sum::<f64>()).sqrt();
+        assert!(speed < 5e-3, "mean speed {speed}");
     }
-    let rings: Vec<[f64; 2]> = (0..top.len()).map(|k| [1e-3 * (k as f64 + 0.5), top[k]]).collect();
-    let slope: Vec<[f64; 2]> = rings.iter().copied().filter(|p| p[0] > 2e-3 && p[1] > 1.5e-3).collect();
-    let [down, from, straight] = line(&slope);
-    let angle = (-down).atan().to_degrees();
-    let speed = (2.0 * kinetic / grains.mass.iter().sum::<f64>()).sqrt();
-    assert!((angle - 22.0).abs() < 2.0 && straight > 0.95, "angle of repose {angle} {straight}");
-    assert!(speed < 5e-3, "mean speed {speed}");
+    let rings =
+        |top: &[f64; RINGS]| (0..RINGS).map(|k| [1e-3 * (k as f64 + 0.5), top[k]]).collect::<Vec<_>>();
+    let fitted = |top: &[f64; RINGS]| {
+        line(&rings(top).into_iter().filter(|p| p[0] > 2e-3 && p[1] > 1.5e-3).collect::<Vec<_>>())
+    };
+    let angle = |top: &[f64; RINGS]| (-fitted(top)[0]).atan().to_degrees();
+    let known = |mean, deviation| Known { mean, deviation, samples: 16 };
+    known(22.9, 1.26).holds("angle of repose [degrees]", &surfaces.iter().map(angle).collect::<Vec<_>>());
+    known(1.414e-3, 0.029e-3).holds("mean height of the grains", &centres);
 
+    // One surface of all: in that of a single sample every grain shows.
+    let mean = std::array::from_fn(|k| surfaces.iter().map(|top| top[k]).sum::<f64>() / samples as f64);
+    let [down, from, straight] = fitted(&mean);
+    assert!(straight > 0.97, "straight slopes {straight}");
     let base = -from / down;
     let shown = |points: &[[f64; 2]]| points.iter().map(|p| [1e3 * p[0], 1e3 * p[1]]).collect::<Vec<_>>();
     draw(
         example("12-heap").join("heap.svg"),
         &[Chart {
-            title: format!("a heap, {angle:.0} degrees steep"),
+            title: format!("a heap, {:.0} degrees steep: mean of {samples} samples", angle(&mean)),
             x: axis("distance from the axis [mm]", [0.0, 20.0]),
             y: axis("height [mm]", [0.0, 8.0]),
             series: vec![
-                series("highest grain of each ring", shown(&rings[..19]), Mark::Dots, 0),
+                series("highest grain of each ring", shown(&rings(&mean)[..19]), Mark::Dots, 0),
                 series("slope", shown(&[[0.0, from], [base, 0.0]]), Mark::Line, 1),
             ],
         }],
