@@ -1,12 +1,13 @@
 //! What the case says: values that never change during a step.
 
-use crate::boundary::{Face, Water};
-use crate::cell::CellRule;
+use crate::boundary::{FACE_NAMES, Face, Signal, Solid, Water};
+use crate::cell::{COMPONENTS, CellRule, Components};
 use crate::contact::Laws;
 use crate::darcy::Darcy;
 use crate::membrane::Membrane;
 use crate::pores::{PointWater, Pores};
-use crate::walls::Wall;
+use crate::walls::motion::Servoed;
+use crate::walls::{Motion, Wall};
 use glam::DVec3;
 use serde::Deserialize;
 
@@ -58,6 +59,44 @@ impl Model {
         };
         self.faces.iter().any(|face| matches!(face.water, Water::Pressure(_)))
             || self.fluid.as_ref().is_some_and(point)
+    }
+
+    /// What moves or presses the grains by a signal that has no finite value so long after the beginning of the stage [s].
+    pub fn undefined(&self, t: f64) -> Option<String> {
+        let bad = |signal: &Signal| !signal.at(t).is_finite();
+        if !self.gravity.is_finite() {
+            return Some("gravity".into());
+        }
+        for (face, name) in self.faces.iter().zip(FACE_NAMES) {
+            match &face.solid {
+                Solid::Fixed => {}
+                Solid::Moving { velocity } if !velocity.iter().any(bad) => {}
+                Solid::Servo { stress, .. } if !bad(stress) => {}
+                Solid::Moving { .. } => return Some(format!("the velocity of the {name} wall")),
+                Solid::Servo { .. } => return Some(format!("the stress on the {name} wall")),
+            }
+        }
+        for Wall { name, motion, .. } in &self.walls {
+            let (what, found) = match motion {
+                Motion::Fixed => continue,
+                Motion::Moving { velocity } => ("velocity", velocity.iter().any(bad)),
+                Motion::Rotating { rate, .. } => ("rate", bad(rate)),
+                Motion::Servo { load: Servoed::Force(load) | Servoed::Stress(load), .. } => {
+                    ("load", bad(load))
+                }
+            };
+            if found {
+                return Some(format!("the {what} of the wall `{name}`"));
+            }
+        }
+        if self.membrane.as_ref().is_some_and(|membrane| bad(&membrane.stress)) {
+            return Some("the stress of the membrane".into());
+        }
+        let of_cell = |components: &Components, what: &str| {
+            let (row, column, _) = components.given().find(|given| bad(given.2))?;
+            Some(format!("the {what} {} of the cell", COMPONENTS[3 * row + column]))
+        };
+        of_cell(&self.cell.gradient, "gradient").or_else(|| of_cell(&self.cell.stress, "stress"))
     }
 }
 

@@ -199,3 +199,20 @@ motion = { servo = { along = [0.0, 0.0, -1.0], load = { force = 5.0 }, speed = 1
         assert_eq!(run("ignore").unwrap(), [], "{key}");
     }
 }
+
+/// A formula that loses its value on the way stops the run in its own name, before it spoils the sample.
+#[test]
+fn a_formula_without_a_value_stops_the_run() {
+    let top = "{ moving = { velocity = [0.0, 0.0, \"-0.01*sqrt(1e-3 - t)\"] } }";
+    let stopped = told(squeezed(top, "{ time = 0.01 }", "time-step = { fixed = 1e-5 }")).unwrap_err();
+    let RunError::Undefined { time, .. } = stopped else { panic!("{stopped}") };
+    assert!((time - 1e-3).abs() < 2.1e-5, "{time}");
+    let text = stopped.to_string();
+    assert!(
+        text.starts_with("in the stage `squeeze`, the velocity of the top wall has no finite value "),
+        "{text}"
+    );
+    assert!(cell("gradient = { xz = \"log(1e-3 - t)\" }", "{ time = 0.01 }").is_err_and(|error| {
+        error.to_string().contains("the gradient xz of the cell has no finite value")
+    }));
+}

@@ -379,6 +379,12 @@ impl Case {
                 "walls and cells move as a whole: only t may stand in this formula, not x, y or z",
             );
         }
+        let first = signal.at(0.0);
+        if !first.is_finite() {
+            let sentence =
+                format!("the formula has no finite value at t = 0, where the stage begins: it gives {first}");
+            return self.refuse(path, sentence);
+        }
         self.signal(path, signal)
     }
 

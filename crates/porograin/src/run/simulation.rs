@@ -80,6 +80,15 @@ pub enum RunError {
         /// What is off.
         error: Unbalanced,
     },
+    /// A signal has no value.
+    Undefined {
+        /// Name of the stage.
+        stage: String,
+        /// What it drives.
+        what: String,
+        /// When, since the stage began [s].
+        time: f64,
+    },
     /// The box is empty, and no grain finds room to fall.
     Empty {
         /// Name of the stage.
@@ -108,6 +117,11 @@ impl fmt::Display for RunError {
             RunError::Trouble { stage, trouble } => write!(f, "in the stage `{stage}`, {trouble}"),
             RunError::Consolidation { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
             RunError::Budget { stage, error } => write!(f, "in the stage `{stage}`, {error}"),
+            RunError::Undefined { stage, what, time } => write!(
+                f,
+                "in the stage `{stage}`, {what} has no finite value {time:.4e} s after its beginning: the formula divides by zero, \
+                 or takes the root or logarithm of a negative number"
+            ),
             RunError::Empty { stage } => write!(
                 f,
                 "in the stage `{stage}`, no grain finds room to fall: the place where they appear is too small for the first, or \
@@ -227,6 +241,12 @@ impl Simulation {
         let Some(stage) = self.stages.get(self.progress.stage) else { return Ok(None) };
         if self.state.grains.is_empty() {
             return Err(RunError::Empty { stage: stage.name.clone() });
+        }
+        let t = self.state.time - self.model.stage_start;
+        for time in [t, t + self.state.dt] {
+            if let Some(what) = self.model.undefined(time) {
+                return Err(RunError::Undefined { stage: stage.name.clone(), what, time });
+            }
         }
         let (due, mut found) = (stability::due(&self.state, &self.model), Vec::new());
         let before = self.progress.ledger.and_then(|_| Before::of(&self.state));
