@@ -216,3 +216,13 @@ fn a_formula_without_a_value_stops_the_run() {
         error.to_string().contains("the gradient xz of the cell has no finite value")
     }));
 }
+
+/// Contacts so stiff that a step does not advance time would keep a run going for ever.
+#[test]
+fn time_that_stands_still_stops_the_run() {
+    let mut simulation = squeezed("\"fixed\"", "{ time = 0.01 }", "time-step = { fixed = 1e-9 }");
+    simulation.state.time = 1e9;
+    let stopped = told(simulation).unwrap_err();
+    assert!(matches!(stopped, RunError::Still { dt: 1e-9, time: 1e9, .. }), "{stopped}");
+    assert!(stopped.to_string().contains("time stands still at t = 1.000000e9 s"), "{stopped}");
+}

@@ -89,6 +89,15 @@ pub enum RunError {
         /// When, since the stage began [s].
         time: f64,
     },
+    /// A step is so short that time stands still.
+    Still {
+        /// Name of the stage.
+        stage: String,
+        /// Its length [s].
+        dt: f64,
+        /// When [s].
+        time: f64,
+    },
     /// The box is empty, and no grain finds room to fall.
     Empty {
         /// Name of the stage.
@@ -121,6 +130,11 @@ impl fmt::Display for RunError {
                 f,
                 "in the stage `{stage}`, {what} has no finite value {time:.4e} s after its beginning: the formula divides by zero, \
                  or takes the root or logarithm of a negative number"
+            ),
+            RunError::Still { stage, dt, time } => write!(
+                f,
+                "in the stage `{stage}`, time stands still at t = {time:.6e} s, where a step is {dt:.3e} s long: the contacts are too \
+                 stiff for the mass of the grains, or the grains too fast"
             ),
             RunError::Empty { stage } => write!(
                 f,
@@ -242,7 +256,8 @@ impl Simulation {
         if self.state.grains.is_empty() {
             return Err(RunError::Empty { stage: stage.name.clone() });
         }
-        let t = self.state.time - self.model.stage_start;
+        let now = self.state.time;
+        let t = now - self.model.stage_start;
         for time in [t, t + self.state.dt] {
             if let Some(what) = self.model.undefined(time) {
                 return Err(RunError::Undefined { stage: stage.name.clone(), what, time });
@@ -257,6 +272,9 @@ impl Simulation {
             }
             other => other.map_err(|error| RunError::Step { stage: stage.name.clone(), error })?,
         };
+        if self.state.time <= now {
+            return Err(RunError::Still { stage: stage.name.clone(), dt: report.dt, time: now });
+        }
         if let (Some(before), Some(ledger)) = (before, &mut self.progress.ledger) {
             ledger.add(&before, &self.state, &self.model, &self.work.loads);
         }
