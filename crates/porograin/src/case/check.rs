@@ -7,6 +7,7 @@ use crate::boundary::{Signal, Solid, Water};
 use crate::contact::{Law, Restitution};
 use crate::field;
 use crate::model::{Flow, TimeStep};
+use crate::output::curve::{CURVES, Curve};
 use crate::output::plot;
 use crate::pores::PointWater;
 use crate::walls::Motion;
@@ -327,8 +328,21 @@ impl Case {
                     format!("a picture is called by a name such as \"curves.svg\", not \"{}\"", plot.file),
                 );
             }
-            if plot.y.is_empty() {
-                return self.refuse(&at("y"), "the plot has no column to draw");
+            if plot.y.is_empty() == plot.curves.is_empty() {
+                return self.refuse(&at("y"), "a plot draws columns `y`, or `curves`: give one of the two");
+            }
+            for (j, name) in plot.curves.iter().enumerate() {
+                let path = at(&format!("curves.{j}"));
+                known(&path, name, "there is no curve", &CURVES)?;
+                if let Some(curve) = Curve::named(name)
+                    && curve.columns.iter().any(|column| !columns.contains(&column.as_str()))
+                {
+                    let measure = curve.measure.name();
+                    return Err(self
+                        .source
+                        .fault(&path, format!("no watch measures the curve `{name}`"))
+                        .hint(format!("a watch needs the measure `{measure}`")));
+                }
             }
             known(&at("x"), &plot.x, "no watch measures the column", &columns)?;
             for (j, column) in plot.y.iter().enumerate() {

@@ -229,10 +229,28 @@ impl Scale {
         if self.logarithmic {
             let (first, last) = ((self.from - 1e-9).ceil() as i32, (self.to + 1e-9).floor() as i32);
             let every = ((last - first) / 7 + 1).max(1);
+            let power = |k: i32| format!("10<tspan dy=\"-5\" font-size=\"9\">{k}</tspan>");
+            if last <= first {
+                // Less than two powers of ten: what lies between them too, all of it or 1, 2 and 5.
+                let all = |digits: &[u8]| -> Vec<(f64, String)> {
+                    let at = |k: i32, digit: u8| (f64::from(digit) * 10f64.powi(k), k, digit);
+                    let inside = |(value, ..): &(f64, i32, u8)| {
+                        (self.from - 1e-9..=self.to + 1e-9).contains(&value.log10())
+                    };
+                    let text = |k: i32, digit: u8| {
+                        if digit == 1 { power(k) } else { format!("{digit}·{}", power(k)) }
+                    };
+                    (first - 1..=last + 1)
+                        .flat_map(|k| digits.iter().map(move |&digit| at(k, digit)))
+                        .filter(inside)
+                        .map(|(value, k, digit)| (value, text(k, digit)))
+                        .collect()
+                };
+                let (fine, coarse) = (all(&[1, 2, 3, 4, 5, 6, 7, 8, 9]), all(&[1, 2, 5]));
+                return if fine.len() > 6 { coarse } else { fine };
+            }
             let whole = (first..=last).filter(|k| (k - first) % every == 0);
-            return whole
-                .map(|k| (10f64.powi(k), format!("10<tspan dy=\"-5\" font-size=\"9\">{k}</tspan>")))
-                .collect();
+            return whole.map(|k| (10f64.powi(k), power(k))).collect();
         }
         let rough = (self.to - self.from) / 5.0;
         let power = 10f64.powf(rough.log10().floor());
@@ -263,6 +281,18 @@ mod tests {
         let axis = Axis { logarithmic: true, range: Some([1e-3, 1.0]), ..Axis::default() };
         let scale = Scale::new(&axis, [].into_iter(), 100.0);
         assert_eq!(scale.ticks().len(), 4);
+        // Within less than two powers of ten a logarithmic axis has ticks between them.
+        let within = |range: [f64; 2]| -> Vec<f64> {
+            let axis = Axis { logarithmic: true, range: Some(range), ..Axis::default() };
+            Scale::new(&axis, [].into_iter(), 100.0)
+                .ticks()
+                .into_iter()
+                .map(|t| t.0 * 1e6)
+                .map(f64::round)
+                .collect()
+        };
+        assert_eq!(within([1.9e-3, 4.2e-3]), [2000.0, 3000.0, 4000.0]);
+        assert_eq!(within([0.4e-3, 4e-3]), [500.0, 1000.0, 2000.0]);
         assert!((scale.place(1e-3), (scale.place(1.0) - 100.0).abs() < 1e-9) == (0.0, true));
     }
 

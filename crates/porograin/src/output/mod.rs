@@ -1,6 +1,7 @@
 //! What a run leaves behind: tables, pictures, ParaView files, checkpoints.
 
 pub mod chart;
+pub mod curve;
 pub mod folder;
 pub mod frame;
 pub mod plot;

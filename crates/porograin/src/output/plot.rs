@@ -1,6 +1,7 @@
 //! Pictures a case asks for: columns of the history against each other.
 
 use super::chart::{Axis, Chart, Mark, Series, svg};
+use super::curve::Curve;
 use crate::watch::{Measure, Names, Watch};
 use serde::Deserialize;
 use std::io;
@@ -19,7 +20,11 @@ pub struct Plot {
     #[serde(default = "time")]
     pub x: String,
     /// Columns along y.
+    #[serde(default)]
     pub y: Vec<String>,
+    /// In place of columns over each other, [curves](super::curve) at the end of each stage.
+    #[serde(default)]
+    pub curves: Vec<String>,
     /// Stages that are drawn; all of them when empty.
     #[serde(default)]
     pub stage: Vec<String>,
@@ -131,6 +136,38 @@ pub fn draw(plots: &[Plot], runs: &[(String, History)]) -> Vec<(String, String)>
 fn chart(plot: &Plot, runs: &[(String, History)]) -> Chart {
     let head = |column: &str| runs.first().map_or(String::new(), |run| run.1.head(column));
     let mut series = Vec::new();
+    let curves: Vec<Curve> = plot.curves.iter().filter_map(|name| Curve::named(name)).collect();
+    if let Some(first) = curves.first() {
+        for (run, history) in runs {
+            for (curve, name) in curves.iter().zip(&plot.curves) {
+                for (stage, points) in curve.at_ends(history, &plot.stage) {
+                    let run = (runs.len() > 1).then_some(run.as_str());
+                    let name = (curves.len() > 1).then(|| name.replace('_', " "));
+                    let parts: Vec<&str> =
+                        run.into_iter().chain(name.as_deref()).chain([stage.as_str()]).collect();
+                    series.push(Series {
+                        name: parts.join(": "),
+                        points,
+                        mark: Mark::Line,
+                        colour: series.len(),
+                    });
+                }
+            }
+        }
+        let heads: Vec<String> = curves.iter().flat_map(|c| &c.columns).map(|column| head(column)).collect();
+        let values = match shared(&heads) {
+            // The diameters of a grading share their unit only.
+            unit if unit == "[m]" => "diameter [m]".into(),
+            label => label,
+        };
+        let (x, y) = if first.upright { (values, first.place.into()) } else { (first.place.into(), values) };
+        return Chart {
+            title: plot.title.clone(),
+            x: Axis { label: x, logarithmic: plot.log_x, range: None },
+            y: Axis { label: y, logarithmic: plot.log_y, range: None },
+            series,
+        };
+    }
     for (run, history) in runs {
         for column in &plot.y {
             let name = match (runs.len(), plot.y.len()) {
@@ -183,6 +220,7 @@ mod tests {
             title: "A".into(),
             x: "time".into(),
             y: y.iter().map(|&y| y.to_owned()).collect(),
+            curves: Vec::new(),
             stage: stage.iter().map(|&s| s.to_owned()).collect(),
             log_x: false,
             log_y: false,
@@ -211,6 +249,51 @@ mod tests {
         assert_eq!(names, ["a.svg", "b.svg"]);
         assert_eq!(drawn[0].1.matches("<polyline").count(), 2 + 4);
         assert!(drawn[0].1.contains(">y: b c<") && drawn[1].1.contains(">y<"), "{}", drawn[0].1);
+    }
+
+    /// A profile stands at the heights of its layers, once for each stage, as its last row has it.
+    #[test]
+    fn curves_are_drawn_at_the_end_of_each_stage() {
+        let heads: String = (0..12).map(|k| format!(",solid_{k} [-]")).collect();
+        let row = |stage: &str, step: usize, from: f64| {
+            let cells: String = (0..12).map(|k| format!(",{}", from + f64::from(k))).collect();
+            format!("{stage},{step},0.5{cells}\n")
+        };
+        let empty = ",".repeat(12);
+        let text = format!(
+            "stage,step [-],time [s]{heads}\n{}{}two,3,0.5{empty}\n{}",
+            row("one", 1, 0.0),
+            row("one", 2, 100.0),
+            row("two", 4, 200.0)
+        );
+        let history = History::from_text(&text);
+        let curve = Curve::named("solid").unwrap();
+        let found = curve.at_ends(&history, &[]);
+        assert_eq!(found.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["one", "two"]);
+        assert_eq!((found[0].1[0], found[0].1[11]), ([100.0, 0.5 / 12.0], [111.0, 11.5 / 12.0]));
+        assert_eq!(found[1].1[3], [203.0, 3.5 / 12.0]);
+        assert_eq!(curve.at_ends(&history, &["two".into()]).len(), 1);
+        let drawn =
+            draw(&[Plot { curves: vec!["solid".into()], ..plot(&[], &[]) }], &[("x".into(), history)]);
+        assert_eq!(drawn[0].1.matches("<polyline").count(), 2);
+        assert!(
+            drawn[0].1.contains(">one<") && drawn[0].1.contains(">height over that of the box [-]<"),
+            "{}",
+            drawn[0].1
+        );
+    }
+
+    #[test]
+    fn every_curve_has_columns_that_some_measure_writes() {
+        let measures = Measure::ALL.to_vec();
+        let every = crate::watch::Every::Steps(1);
+        let all = columns(&[Watch { measures, every }], &Names::default());
+        for name in super::super::curve::CURVES {
+            let curve = Curve::named(name).unwrap();
+            assert_eq!(curve.columns.len(), curve.places.len());
+            assert!(curve.columns.iter().all(|column| all.contains(column)), "{name}");
+        }
+        assert!(Curve::named("porosity").is_none());
     }
 
     #[test]
