@@ -1,12 +1,12 @@
 //! Small dry examples: the numbers of their READMEs.
 
+mod chance;
+
+use chance::Known;
 use porograin::case::Case;
 use porograin::measure;
 use porograin::run::Simulation;
 use std::path::Path;
-
-mod chance;
-use chance::Known;
 
 fn example(file: &str, set: &[&str]) -> Simulation {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(file);

@@ -1,8 +1,10 @@
 //! Grains and water in periodic cells that deform: what a step solves, that the water gives no energy, that images and
 //! scratch do not matter.
 
+mod chance;
 mod random;
 
+use chance::Known;
 use glam::{DMat3, DVec3};
 use porograin::case::Case;
 use porograin::cell::Components;
@@ -277,9 +279,11 @@ fn run(case: &str) -> Simulation {
     simulation
 }
 
+/// Less friction while pressed makes the samples dense, so that they give way little under the load. With no more of it later, some
+/// collapse, even long after, and the water carries up to the whole load again.
 #[test]
 fn a_load_between_plates_is_carried_by_the_water_first_and_by_the_grains_at_last() {
-    let case = |viscosity: f64, time: f64| {
+    let case = |seed: usize, viscosity: f64, time: f64| {
         format!(
             r#"
 title = "consolidation between two plates, without sides"
@@ -287,18 +291,19 @@ title = "consolidation between two plates, without sides"
 size = [0.01, 0.01, 0.012]
 periodic = "xy"
 [grains]
-packing = {{ cloud = {{ count = 150, spread = 0.2, seed = 1, porosity = 0.7 }} }}
+packing = {{ cloud = {{ count = 150, spread = 0.2, seed = {seed}, porosity = 0.7 }} }}
 density = 2600.0
 [contact.linear]
 young = 15e6
 stiffness-ratio = 0.5
-friction = 10.0
+friction = 30.0
 [fluid]
 viscosity = {viscosity:?}
 [face.top]
 solid = {{ servo = {{ stress = 1000.0 }} }}
 [[stage]]
 name = "press"
+friction = 10.0
 fluid = false
 until = {{ unbalanced = 1e-3, stress-error = 0.01, max-steps = 40000 }}
 [[stage]]
@@ -310,11 +315,17 @@ until = {{ time = {time:?} }}
     };
     let bottom = |simulation: &Simulation| simulation.profile().unwrap()[0];
     let stress = |s: &Simulation| measure::contact_stress(&s.state, &s.stages()[1].model).z_axis.z;
-    let early = run(&case(400.0, 5e-3));
-    assert!((bottom(&early) / 2000.0 - 1.0).abs() < 0.05, "{}", bottom(&early));
-    let below = measure::wall_stress(&early.state.domain)[4];
-    assert!((below / 3000.0 - 1.0).abs() < 0.01, "{below}");
-    let late = run(&case(1.0, 0.03));
-    assert!(bottom(&late).abs() < 60.0, "{}", bottom(&late));
-    assert!((stress(&late) / 3000.0 - 1.0).abs() < 0.03, "{}", stress(&late));
+    // The servo has come to rest and nothing has drained but the pores next to the top.
+    let early = [1, 2].map(|seed| run(&case(seed, 400.0, 0.01)));
+    for sample in &early {
+        let below = measure::wall_stress(&sample.state.domain)[4];
+        assert!((below / 3000.0 - 1.0).abs() < 1e-3, "{below}");
+    }
+    let shares = early.each_ref().map(|sample| bottom(sample) / 2000.0);
+    Known { mean: 0.989, deviation: 0.0147, samples: 32 }.holds("part of the load", &shares);
+    for seed in [1, 2] {
+        let late = run(&case(seed, 1.0, 0.03));
+        assert!(bottom(&late).abs() < 2.0, "{}", bottom(&late));
+        assert!((stress(&late) / 3000.0 - 1.0).abs() < 1e-3, "{}", stress(&late));
+    }
 }

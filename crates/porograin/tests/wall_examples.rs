@@ -2,14 +2,14 @@
 //!
 //! With `PICTURE=1` in the environment the pictures are drawn anew.
 
+mod chance;
+
+use chance::Known;
 use porograin::case::Case;
 use porograin::measure;
 use porograin::output::chart::{Axis, Chart, Mark, Series, svg};
 use porograin::run::Simulation;
 use std::path::PathBuf;
-
-mod chance;
-use chance::Known;
 
 const GRAVITY: f64 = 9.81;
 
