@@ -341,6 +341,24 @@ fn an_exported_sample_goes_on_in_another_case() {
 }
 
 #[test]
+fn with_glued_grains_there_is_no_budget_of_the_energy() {
+    let folder = folder("glued");
+    let text = CASE
+        .replace("measures = [\"size\"]", "measures = [\"energy-budget\"]")
+        .replace("name = \"hold\"", "name = \"hold\"\nface.bottom.glue = true")
+        .replace("steps = 40000", "steps = 100");
+    fs::write(folder.join("case.toml"), text).unwrap();
+    finish(&folder, &["run", "case.toml", "--out", "out", "--quiet"]);
+    let history = fs::read_to_string(folder.join("out/history.csv")).unwrap();
+    let mut lines = history.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let heads = lines.next().unwrap();
+    let column = heads.iter().position(|head| head.starts_with("energy_error")).unwrap();
+    let lines: Vec<_> = lines.collect();
+    let told = |stage: &str| lines.iter().filter(|l| l[0] == stage && !l[column].is_empty()).count();
+    assert!(told("fall") > 0 && told("hold") == 0, "{history}");
+}
+
+#[test]
 fn two_processes_cannot_share_a_run() {
     let folder = folder("shared");
     let mut child =

@@ -476,7 +476,8 @@ impl Measure {
             Measure::KineticEnergy => vec![measure::kinetic_energy_beside(now.state)],
             Measure::ElasticEnergy => vec![measure::elastic_energy(now.state, now.model)],
             Measure::EnergyBudget => {
-                let ledger = now.ledger.filter(|ledger| ledger.start.is_some())?;
+                // It stands still from the step on in which grains were glued.
+                let ledger = now.ledger.filter(|ledger| ledger.start.is_some() && domain.glue.is_empty())?;
                 let Ledger { walls, cell, membrane, gravity, water, .. } = *ledger;
                 let Ledger { friction, viscous, damping, integration, .. } = *ledger;
                 let error = ledger.error();

@@ -35,7 +35,8 @@ pub fn elastic_energy(state: &State, model: &Model) -> f64 {
         let (law, touch) = (around.law(pair), around.touch(pair));
         law.holds(&touch, &memory).then(|| law.energy(&touch, &memory))
     };
-    state.contacts.iter().filter_map(energy).sum()
+    // The sum of nothing is -0.
+    state.contacts.iter().filter_map(energy).sum::<f64>() + 0.0
 }
 
 /// Mean resultant on a grain over mean contact force (Catalano 2.16): how far the packing is from equilibrium [-].
