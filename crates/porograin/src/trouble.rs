@@ -168,7 +168,8 @@ impl fmt::Display for Trouble {
                 }
                 write!(
                     f,
-                    "the stage was too short or the {drive} too small, or the grains cannot carry that {what}"
+                    "the stage was too short or the {drive} too small, the grains cannot carry that {what}, or they flow so \
+                     fast that it fluctuates"
                 )
             }
         }
