@@ -281,3 +281,57 @@ fn contacts_carry_the_stress_of_the_sample() {
     let steel = grains["material"].values.iter().filter(|&&material| material == 1.0).count();
     assert!((40..80).contains(&steel), "{steel}");
 }
+
+/// Grains on a lattice in a membrane.
+const WRAPPED: &str = r#"
+title = "a wrapped lump"
+[domain]
+size = [0.02, 0.02, 0.02]
+[grains]
+packing = { lattice = { count = [6, 6, 6], radius = 1.5e-3 } }
+density = 2600.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 10.0
+[[stage]]
+name = "press"
+membrane = { stress = { ramp = { from = 100.0, to = 200.0, end = 1e-9 } }, probe = 3e-3 }
+until = { steps = 300 }
+[[watch]]
+measures = ["membrane"]
+every = { steps = 100 }
+"#;
+
+/// The triangles of a membrane close around the volume that the measure tells, with their normals outwards.
+#[test]
+fn a_membrane_is_drawn_around_its_volume() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("vtk").join("wrapped");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("case.toml"), WRAPPED).unwrap();
+    let run = ["run", "case.toml", "--out", "out", "--quiet"];
+    let status =
+        Command::new(env!("CARGO_BIN_EXE_porograin")).args(run).current_dir(&folder).status().unwrap();
+    assert!(status.success());
+    let history = std::fs::read_to_string(folder.join("out/history.csv")).unwrap();
+    let last: Vec<f64> =
+        history.lines().last().unwrap().split(',').skip(3).map(|cell| cell.parse().unwrap()).collect();
+    let drawn = arrays(&folder.join("out/vtk/membrane_000000.vtp"));
+    let triangles = cells(&drawn);
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
+    let (mut area, mut volume) = (0.0, 0.0);
+    for t in &triangles {
+        let side = |k: usize| [0, 1, 2].map(|c| t[k][c] - t[0][c]);
+        let normal = cross(side(1), side(2));
+        area += 0.5 * normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+        volume += (0..3).map(|c| t[0][c] * normal[c]).sum::<f64>() / 6.0;
+    }
+    assert!(
+        (area / last[0] - 1.0).abs() < 1e-9 && (volume / last[1] - 1.0).abs() < 1e-9,
+        "{area} {volume} {last:?}"
+    );
+    assert_eq!(drawn["stress [Pa]"].values, vec![200.0; triangles.len()]);
+}

@@ -68,6 +68,8 @@ pub struct Frame {
     pub grid: bool,
     /// Whether it has walls that the case adds.
     pub walls: bool,
+    /// Whether it has a membrane.
+    pub membrane: bool,
     /// Whether it has throats and Voronoi edges.
     pub network: bool,
 }
@@ -319,13 +321,14 @@ impl Folder {
             put(Kind::Contacts, frame::contacts(now))?;
         }
         let (pores, grid) = (frame::pores(now), frame::grid(now));
-        let walls = frame::walls(now);
+        let (walls, membrane) = (frame::walls(now), frame::membrane(now));
         let network = self.network.then(|| frame::network(now)).flatten();
         let frame = Frame {
             time: now.state.time,
             pores: pores.is_some(),
             grid: grid.is_some(),
             walls: walls.is_some(),
+            membrane: membrane.is_some(),
             network: network.is_some(),
         };
         if let Some(mesh) = pores {
@@ -336,6 +339,9 @@ impl Folder {
         }
         if let Some(bytes) = walls {
             put(Kind::Walls, bytes)?;
+        }
+        if let Some(bytes) = membrane {
+            put(Kind::Membrane, bytes)?;
         }
         if let Some([throats, edges]) = network {
             put(Kind::Throats, throats)?;
@@ -386,8 +392,16 @@ fn table_of(field: &Field) -> String {
 }
 
 /// All series of frames.
-const KINDS: [Kind; 7] =
-    [Kind::Grains, Kind::Contacts, Kind::Pores, Kind::Grid, Kind::Walls, Kind::Throats, Kind::Edges];
+const KINDS: [Kind; 8] = [
+    Kind::Grains,
+    Kind::Contacts,
+    Kind::Pores,
+    Kind::Grid,
+    Kind::Walls,
+    Kind::Membrane,
+    Kind::Throats,
+    Kind::Edges,
+];
 
 /// The state at the last checkpoint of the run in the folder `path`; nothing is changed there.
 ///
@@ -411,6 +425,7 @@ enum Kind {
     Pores,
     Grid,
     Walls,
+    Membrane,
     Throats,
     Edges,
 }
@@ -423,6 +438,7 @@ impl Kind {
             Kind::Pores => ("pores_", ".vtu"),
             Kind::Grid => ("grid_", ".vtu"),
             Kind::Walls => ("walls_", ".vtp"),
+            Kind::Membrane => ("membrane_", ".vtp"),
             Kind::Throats => ("throats_", ".vtp"),
             Kind::Edges => ("edges_", ".vtp"),
         }
@@ -435,6 +451,7 @@ impl Kind {
             Kind::Pores => frame.pores,
             Kind::Grid => frame.grid,
             Kind::Walls => frame.walls,
+            Kind::Membrane => frame.membrane,
             Kind::Throats | Kind::Edges => frame.network,
         }
     }
@@ -458,6 +475,7 @@ impl Kind {
             Kind::Pores => "pores.pvd",
             Kind::Grid => "grid.pvd",
             Kind::Walls => "walls.pvd",
+            Kind::Membrane => "membrane.pvd",
             Kind::Throats => "throats.pvd",
             Kind::Edges => "edges.pvd",
         }

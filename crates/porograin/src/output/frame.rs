@@ -135,6 +135,16 @@ pub fn walls(now: &Snapshot) -> Option<Vec<u8>> {
     })
 }
 
+/// The membrane with the stress it presses with; `None` where there is none.
+pub fn membrane(now: &Snapshot) -> Option<Vec<u8>> {
+    let (membrane, skin) = (now.model.membrane.as_ref()?, &now.state.domain.skin);
+    let corner = |&grain: &u32| now.state.grains.position[grain as usize];
+    let triangles: Vec<[DVec3; 3]> = skin.triangles.iter().map(|t| t.each_ref().map(corner)).collect();
+    let stress = membrane.stress.at(now.state.time - now.model.stage_start);
+    let stress = vec![stress; triangles.len()];
+    Some(vtk::surface(&triangles, &[Field { name: "stress [Pa]", values: Values::Scalars(&stress) }]))
+}
+
 /// The symmetric part as xx, yy, zz, xy, yz, xz.
 fn symmetric(s: DMat3) -> [f64; 6] {
     let (x, y, z) = (s.x_axis, s.y_axis, s.z_axis);
