@@ -6,6 +6,7 @@
 //! it, never goes too far (the idea of the internal compaction in the open-source code Yade, with the stiffness measured).
 
 use crate::contact::{ContactLaw, Surroundings};
+use crate::grains::Shape;
 use crate::measure;
 use crate::model::{Model, RENEW_EVERY};
 use crate::packing;
@@ -45,7 +46,11 @@ impl Grow {
         let most = (self.rate * state.dt * RENEW_EVERY as f64).min(MOST);
         let factor = match (self.porosity, self.stress) {
             (Some(porosity), _) if !self.is_dense(state) => {
-                let left = ((1.0 - porosity) / (1.0 - measure::porosity(state))).cbrt();
+                let left = (1.0 - porosity) / (1.0 - measure::porosity(state));
+                let left = match state.grains.shape {
+                    Shape::Sphere => left.cbrt(),
+                    Shape::Disc { .. } => left.sqrt(),
+                };
                 left.min(1.0 + most)
             }
             (None, Some(stress)) => {

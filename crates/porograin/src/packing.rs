@@ -6,7 +6,7 @@ mod lattice;
 pub use grading::Grading;
 pub use lattice::{Lattice, Misfit, lattice};
 
-use crate::grains::{Grains, sphere_volume};
+use crate::grains::{Grains, Shape, sphere_volume};
 use crate::state::State;
 use glam::{DMat3, DVec3};
 use porograin_geometry::{Cell, Period, order};
@@ -179,11 +179,15 @@ pub fn ordered(cell: &Cell, grains: Grains) -> Grains {
     }
 }
 
-/// Multiplies every radius by `factor`, masses by its cube; returns the mean radius [m] that results.
+/// Multiplies every radius by `factor`, masses by its cube, of discs by its square; returns the mean radius [m] that results.
 pub fn grow(state: &mut State, factor: f64) -> f64 {
     let grains = &mut state.grains;
     grains.radius.iter_mut().for_each(|r| *r *= factor);
-    grains.mass.iter_mut().for_each(|m| *m *= factor * factor * factor);
+    let heavier = match grains.shape {
+        Shape::Sphere => factor * factor * factor,
+        Shape::Disc { .. } => factor * factor,
+    };
+    grains.mass.iter_mut().for_each(|m| *m *= heavier);
     grains.radius.iter().sum::<f64>() / grains.len().max(1) as f64
 }
 

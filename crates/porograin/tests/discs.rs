@@ -4,13 +4,16 @@ mod random;
 
 use glam::DVec3;
 use porograin::boundary::{Signal, Solid, Water};
+use porograin::case::Case;
 use porograin::contact::{Contacts, Law, Linear};
 use porograin::darcy::{Cells, Darcy, Drag, Permeability, Transfer};
 use porograin::grains::Shape;
 use porograin::measure::CoarseFlow;
+use porograin::run::Simulation;
 use porograin::{Domain, Flow, FluidModel, Grains, Model, State, TimeStep, Work, step};
 use random::Random;
 use std::f64::consts::PI;
+use std::path::Path;
 
 /// Edges of the box [m]; the discs are as thick as it along y.
 const SIZE: DVec3 = DVec3::new(0.0805, 0.03, 0.06);
@@ -182,4 +185,45 @@ fn a_sealed_box_has_a_free_level_that_stays() {
     let (mut state, model) = driven(cells([4, 3], TRANSFERS[0]), None);
     step(&mut state, &model, &mut work).unwrap();
     assert!(!work.fluid.free_level(&state));
+}
+
+/// A disc of a heavier material weighs its area times its thickness, and a disc that grows gains by the square of its radius.
+#[test]
+fn discs_of_materials_and_discs_that_grow_weigh_what_discs_do() {
+    let text = r#"
+title = "discs"
+[domain]
+size = [0.04, 0.002, 0.04]
+discs = true
+[grains]
+packing = { lattice = { count = [6, 1, 6], radius = 2e-3 } }
+density = 2600.0
+[material.glass]
+part = 0.5
+[material.steel]
+part = 0.5
+density = 7800.0
+[contact.linear]
+young = 1e6
+stiffness-ratio = 0.5
+friction = 20.0
+[[stage]]
+name = "grow"
+grow = { porosity = 0.4, rate = 5.0 }
+until = { unbalanced = 1.0, max-steps = 100000 }
+"#;
+    let case = Case::from_text("case.toml", text, Path::new("."), &[]).unwrap_or_else(|e| panic!("{e}"));
+    let mut simulation = Simulation::new(&case).unwrap();
+    let weigh = |grains: &Grains| {
+        for k in 0..grains.len() {
+            let density = [2600.0, 7800.0][usize::from(grains.material[k])];
+            let expected = density * PI * grains.radius[k].powi(2) * 0.002;
+            assert!((grains.mass[k] / expected - 1.0).abs() < 1e-12, "{k}: {} {expected}", grains.mass[k]);
+        }
+    };
+    weigh(&simulation.state.grains);
+    while simulation.advance().unwrap().is_some() {}
+    weigh(&simulation.state.grains);
+    assert!(simulation.state.grains.radius[0] > 2.1e-3);
+    assert!((porograin::measure::porosity(&simulation.state) - 0.4).abs() < 1e-9);
 }

@@ -64,7 +64,7 @@ impl Case {
             for &k in &order[first..end] {
                 grains.material[k] = number as u16;
                 if let Some(density) = material.density {
-                    grains.mass[k] = density * crate::grains::sphere_volume(grains.radius[k]);
+                    grains.mass[k] = density * grains.shape.volume(grains.radius[k]);
                 }
             }
             first = end;
