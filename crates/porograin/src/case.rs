@@ -78,6 +78,9 @@ pub struct Case {
     pub gravity: [Signal; 3],
     /// Cundall's local damping, from 0 to 1; by default 0.2 in dry stages and 0 with water.
     pub damping: Option<f64>,
+    /// Whether contacts give back what the time integration takes.
+    #[serde(default)]
+    pub conserve_energy: bool,
     /// How long a step is.
     #[serde(default)]
     pub time_step: TimeStep,

@@ -10,7 +10,7 @@
 //! In a periodic cell all velocities are those beside its flow, and the cell does the work that a contact gets from its branch being
 //! stretched.
 
-use crate::contact::{Bond, ContactLaw, Law, Memory, More, Surroundings, Touch};
+use crate::contact::{ContactLaw, Law, Memory, More, PairLoad, Surroundings, Touch};
 use crate::grains::{Grains, Loads};
 use crate::measure;
 use crate::model::Model;
@@ -47,7 +47,7 @@ pub struct Ledger {
     pub integration: f64,
     /// Kinetic energy, half a step after the forces; in a periodic cell that of the motion beside its flow.
     pub kinetic: f64,
-    /// Elastic energy, half a step after the forces.
+    /// Elastic energy, half a step after the forces; with what [accounts](crate::contact::Account) hold.
     pub elastic: f64,
 }
 
@@ -76,6 +76,8 @@ struct Moment<'a> {
     memory: [Option<Memory>; 2],
     /// What the cell adds to the velocity of the second against the first, in the mean of before and after.
     carried: DVec3,
+    /// The overlap at the time of the last force [m].
+    earlier: f64,
 }
 
 /// What one contact adds to the ledger [J].
@@ -89,7 +91,7 @@ struct Share {
     work: f64,
     /// Energy stored at the time of the force.
     stored: f64,
-    /// What springs take up in the half step before and in the half step after.
+    /// What springs take up in the half step before and from then to the time of the velocities.
     halves: [f64; 2],
 }
 
@@ -105,7 +107,7 @@ impl Ledger {
 
         let mut sum = Share::default();
         contacts(before, after, model, &motion, |moment, ends| {
-            let share = moment.share(last, dt, kick, ends);
+            let share = moment.share(last, kick, ends);
             sum.walls += share.walls;
             sum.cell += share.cell;
             sum.friction += share.friction;
@@ -260,14 +262,21 @@ fn contacts(
             None => touch[0].levers().iter().sum::<f64>() * touch[0].normal,
             Some(_) => before.domain.cell.origin - before.grains.position[i],
         };
-        take(&Moment { law: old.law(pair), touch, memory: [past, now], carried: flow * along }, ends);
+        let earlier = match ends {
+            None => {
+                let near = old.near(pair);
+                near.reach - (near.branch - before.dt * near.velocity).length()
+            }
+            Some(_) => touch[0].overlap + before.dt * touch[0].velocity.dot(touch[0].normal),
+        };
+        let memory = [past, now];
+        take(&Moment { law: old.law(pair), touch, memory, carried: flow * along, earlier }, ends);
     }
 }
 
 impl Moment<'_> {
-    fn share(&self, last: f64, dt: f64, kick: f64, ends: Option<[(DVec3, DVec3); 2]>) -> Share {
+    fn share(&self, last: f64, kick: f64, ends: Option<[(DVec3, DVec3); 2]>) -> Share {
         let [before, after] = &self.touch;
-        let at_rest = Touch { velocity: DVec3::ZERO, spin: DVec3::ZERO, twist: 0.0, ..*before };
         let normal = before.normal;
         let mut share = Share::default();
         // The tangential force and the moments of a memory.
@@ -277,10 +286,15 @@ impl Moment<'_> {
         };
         let (shear, moment) = self.memory[1].as_ref().map_or_else(Default::default, held);
         if let Some(memory) = self.memory[1] {
-            let load = |touch: &Touch| self.law.load(touch, &mut memory.clone(), 0.0);
+            let load = |touch: &Touch| {
+                let holds = self.law.holds(touch, &memory);
+                let load =
+                    if holds { self.law.load(touch, &mut memory.clone(), 0.0) } else { PairLoad::default() };
+                PairLoad { force: load.force + memory.account.force, ..load }
+            };
             let all = load(before);
             // What is remembered may be beyond what a contact at rest could hold: the friction cone is that of all forces.
-            let spring = shear + load(&at_rest).force.dot(normal) * normal;
+            let spring = shear - self.law.pressing(before, &memory) * normal + memory.account.force;
             let damper = all.force - spring;
             let moved = 0.5 * kick * (before.velocity + after.velocity);
             let turned = 0.5 * kick * (before.spin + after.spin);
@@ -296,25 +310,24 @@ impl Moment<'_> {
                 share.work += share.walls;
             }
             let takes = |touch: &Touch| spring.dot(touch.velocity) + moment.dot(touch.spin);
-            share.halves = [0.5 * last * takes(before), 0.5 * dt * takes(after)];
-            share.stored = self.law.energy(before, &memory);
+            let all = 0.5 * kick * (takes(before) + takes(after));
+            share.halves[0] = 0.5 * last * takes(before);
+            share.halves[1] = all - share.halves[0];
+            share.stored = self.law.energy(before, &memory) + memory.account.surplus;
             share.friction -= stored(before, &memory);
         }
         if let Some(memory) = self.memory[0] {
-            let earlier = before.overlap + before.velocity.dot(normal) * last;
-            share.friction += stored(&Touch { overlap: earlier, ..*before }, &memory);
+            share.friction += stored(&Touch { overlap: self.earlier, ..*before }, &memory);
             let (shear, moment) = held(&memory);
             share.friction += 0.5 * last * (shear.dot(before.velocity) + moment.dot(before.spin));
-            let bound = |more: &More| more.bond == Bond::Whole || more.bridge;
-            let now = self.memory[1].unwrap_or_default();
-            if bound(&memory.more) || bound(&now.more) {
-                let with = |more: More| {
-                    let memory = bare(&Memory { shear: DVec3::ZERO, more });
-                    let there = before.overlap > 0.0 || bound(&more);
-                    if there { self.law.energy(before, &memory) } else { 0.0 }
-                };
-                share.friction += with(memory.more) - with(now.more);
-            }
+        }
+        let [past, now] = self.memory.map(Option::unwrap_or_default);
+        if past.more.snapped(&now.more) {
+            let earlier = Touch { overlap: self.earlier, ..*before };
+            let pressing = self.law.pressing(&earlier, &past) - past.account.force.dot(normal);
+            let way = -last * before.velocity.dot(normal);
+            share.friction += 0.5 * (pressing + self.law.pressing(before, &now)) * way;
+            share.friction += self.law.pressed(&earlier, &past.more) - self.law.pressed(before, &now.more);
         }
         share.friction += 0.5 * last * (shear.dot(before.velocity) + moment.dot(before.spin));
         share
@@ -324,5 +337,5 @@ impl Moment<'_> {
 /// A memory without its tangential force and moments.
 fn bare(memory: &Memory) -> Memory {
     let more = More { roll: DVec3::ZERO, twist: 0.0, ..memory.more };
-    Memory { shear: DVec3::ZERO, more }
+    Memory { shear: DVec3::ZERO, more, ..*memory }
 }

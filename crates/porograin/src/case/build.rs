@@ -67,6 +67,7 @@ impl Case {
         let mut contact = Laws {
             all: stage.contact.clone().unwrap_or_else(|| self.contact.clone()),
             pairs: self.pair_laws(),
+            conserving: stage.conserve_energy.unwrap_or(self.conserve_energy),
         };
         if let Some(angle) = stage.friction {
             contact.set_friction(angle);

@@ -40,6 +40,8 @@ pub struct StageTable {
     pub gravity: Option<[Signal; 3]>,
     /// Another damping.
     pub damping: Option<f64>,
+    /// Whether contacts give back what the time integration takes, in this stage.
+    pub conserve_energy: Option<bool>,
     /// Another time step.
     pub time_step: Option<TimeStep>,
     /// `false`: dry. A table: other properties of the water.

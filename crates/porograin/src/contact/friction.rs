@@ -1,6 +1,6 @@
 //! From springs to a contact law: sliding under Coulomb's rule, and what a law may have besides.
 
-use super::{Adhesion, Bond, Capillary, ContactLaw, Memory, PairLoad, Rolling, Stiffness, Touch};
+use super::{Adhesion, Bond, Capillary, ContactLaw, Memory, More, PairLoad, Rolling, Stiffness, Touch};
 use glam::DVec3;
 
 /// The elastic part of a law: a spring along the normal and its tangents.
@@ -82,6 +82,20 @@ impl<S: Spring> Full<'_, S> {
         let stretch = |a: Adhesion| a.strength(&touch)[0] / self.0.stiffness(&touch).normal;
         extras.adhesion.map_or(0.0, stretch).max(extras.capillary.map_or(0.0, |c| c.rupture(&touch)))
     }
+
+    /// Energy along the normal, of the spring, the bond and the bridge [J].
+    #[inline]
+    pub fn pressed(&self, touch: &Touch, more: &More) -> f64 {
+        let spring = if self.springs(touch, more) { self.0.energy(touch) } else { 0.0 };
+        let bridge = self.0.extras().capillary.filter(|_| more.bridge);
+        spring + bridge.map_or(0.0, |capillary| capillary.energy(touch))
+    }
+
+    /// Whether the springs act, pressed or held by a bond.
+    #[inline]
+    fn springs(&self, touch: &Touch, more: &More) -> bool {
+        touch.overlap > 0.0 || self.0.extras().adhesion.is_some() && more.bond == Bond::Whole
+    }
 }
 
 impl<S: Spring> ContactLaw for Full<'_, S> {
@@ -149,28 +163,20 @@ impl<S: Spring> ContactLaw for Full<'_, S> {
     }
 
     fn energy(&self, touch: &Touch, memory: &Memory) -> f64 {
-        let (extras, stiffness, more) = (self.0.extras(), self.stiffness(touch), &memory.more);
-        let bonded = extras.adhesion.is_some() && more.bond == Bond::Whole;
-        let mut energy = 0.0;
-        if touch.overlap > 0.0 || bonded {
-            energy += Plain(self.0).energy(touch, memory);
+        let (stiffness, more) = (self.stiffness(touch), &memory.more);
+        let mut energy = self.pressed(touch, more);
+        if self.springs(touch, more) {
+            energy += stored(memory.shear.length_squared(), stiffness.shear);
             energy += stored(more.roll.length_squared(), stiffness.roll);
             energy += stored(more.twist * more.twist, stiffness.twist);
-        }
-        if let Some(capillary) = extras.capillary
-            && more.bridge
-        {
-            energy += capillary.energy(touch);
         }
         energy
     }
 
     #[inline]
     fn holds(&self, touch: &Touch, memory: &Memory) -> bool {
-        let (extras, more) = (self.0.extras(), &memory.more);
-        touch.overlap > 0.0
-            || extras.adhesion.is_some() && more.bond == Bond::Whole
-            || extras.capillary.is_some() && more.bridge
+        let more = &memory.more;
+        self.springs(touch, more) || self.0.extras().capillary.is_some() && more.bridge
     }
 }
 

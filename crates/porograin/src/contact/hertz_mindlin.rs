@@ -68,6 +68,7 @@ impl Spring for HertzMindlin {
         if before > touch.overlap { (touch.overlap.max(0.0) / before).sqrt() } else { 1.0 }
     }
 
+    #[inline(always)]
     fn energy(&self, touch: &Touch) -> f64 {
         0.4 * self.force(touch) * touch.overlap
     }

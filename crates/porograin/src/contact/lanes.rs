@@ -85,6 +85,7 @@ impl Batch {
                 velocity: get(&self.velocity),
                 spin: [get(&self.spin[0]), get(&self.spin[1])],
                 friction: self.friction[l],
+                swing: DVec3::ZERO,
                 // Plain laws have no dampers.
                 mass: 0.0,
             };

@@ -1,7 +1,7 @@
 //! What a contact law is, and the choice of laws.
 
 use super::friction::{Extras, Full, Spring};
-use super::{HertzMindlin, Linear, Memory, Stiffness, Touch};
+use super::{HertzMindlin, Linear, Memory, More, Stiffness, Touch};
 use crate::grains::Grains;
 use glam::DVec3;
 use porograin_geometry::triangulation::wall;
@@ -73,6 +73,20 @@ impl Law {
         with_law!(self, law => law.young)
     }
 
+    /// Force by which a pair presses without its dampers [N]; 0 where it is no contact.
+    pub(crate) fn pressing(&self, touch: &Touch, memory: &Memory) -> f64 {
+        if !self.holds(touch, memory) {
+            return 0.0;
+        }
+        let still = Touch { velocity: DVec3::ZERO, spin: DVec3::ZERO, ..*touch };
+        -self.load(&still, &mut memory.clone(), 0.0).force.dot(touch.normal)
+    }
+
+    /// Energy that a contact stores along its normal, in the spring, the bond and the bridge [J]; 0 where it is none.
+    pub(crate) fn pressed(&self, touch: &Touch, more: &More) -> f64 {
+        with_law!(self, law => Full(law).pressed(touch, more))
+    }
+
     /// What it has besides springs and friction.
     pub fn extras(&self) -> Extras {
         with_law!(self, law => law.extras())
@@ -107,6 +121,8 @@ pub struct Laws {
     pub all: Law,
     /// Laws of pairs of materials.
     pub pairs: Vec<PairLaw>,
+    /// Whether contacts keep [accounts](super::Account), and so lose no energy to the time integration.
+    pub conserving: bool,
 }
 
 /// The law between two materials.
@@ -123,7 +139,7 @@ pub const WALL: u16 = u16::MAX;
 
 impl From<Law> for Laws {
     fn from(all: Law) -> Self {
-        Laws { all, pairs: Vec::new() }
+        Laws { all, pairs: Vec::new(), conserving: false }
     }
 }
 
@@ -152,9 +168,9 @@ impl Laws {
         laws.for_each(|law| law.set_friction(factor * law.friction()));
     }
 
-    /// Whether one law of springs and friction is all there is.
+    /// Whether one law of springs and friction is all there is, and no accounts are kept.
     pub fn is_plain(&self) -> bool {
-        self.pairs.is_empty() && self.all.extras().is_empty()
+        !self.conserving && self.pairs.is_empty() && self.all.extras().is_empty()
     }
 
     /// Whether some law bonds grains.

@@ -55,6 +55,7 @@ impl Spring for Linear {
         Stiffness { normal, shear: self.stiffness_ratio * normal, ..Stiffness::default() }
     }
 
+    #[inline(always)]
     fn energy(&self, touch: &Touch) -> f64 {
         0.5 * self.force(touch) * touch.overlap
     }

@@ -1,6 +1,6 @@
 //! The touching pairs and what each remembers from step to step.
 
-use super::{Bond, Laws, turn};
+use super::{Account, Bond, Laws, turn};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +17,8 @@ pub struct Contacts {
     pub(super) rows: Vec<Row>,
     /// Whether contacts remember more than the shear force, as some laws need.
     pub(super) rich: bool,
+    /// Whether contacts keep accounts.
+    pub(super) conserving: bool,
     /// Whether there was adhesion in the last step.
     adhesive: bool,
 }
@@ -30,6 +32,8 @@ pub(super) struct Row {
     pub shear: Vec<DVec3>,
     /// What some laws remember besides; empty under a law that needs no more than the shear force.
     pub more: Vec<More>,
+    /// Their accounts; empty where none are kept.
+    pub accounts: Vec<Account>,
 }
 
 /// What a contact remembers besides its shear force.
@@ -45,6 +49,13 @@ pub struct More {
     pub bridge: bool,
 }
 
+impl More {
+    /// Whether a bond broke, or a bridge formed or broke, from here to `now`.
+    pub(crate) fn snapped(&self, now: &More) -> bool {
+        self.bridge != now.bridge || self.bond == Bond::Whole && now.bond != Bond::Whole
+    }
+}
+
 /// All that one contact remembers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
@@ -52,12 +63,14 @@ pub struct Memory {
     pub shear: DVec3,
     /// Under most laws unused.
     pub more: More,
+    /// Unused unless contacts conserve the energy.
+    pub account: Account,
 }
 
 impl From<DVec3> for Memory {
     /// A contact that remembers a shear force [N] and nothing else.
     fn from(shear: DVec3) -> Self {
-        Memory { shear, more: More::default() }
+        Memory { shear, ..Memory::default() }
     }
 }
 
@@ -123,9 +136,9 @@ impl Contacts {
 
     /// Adds sorted new pairs without memory.
     pub(super) fn insert(&mut self, born: &[[u32; 2]]) {
-        let rich = self.rich;
+        let (rich, conserving) = (self.rich, self.conserving);
         for part in born.chunk_by(|a, b| a[0] as usize / ROW == b[0] as usize / ROW) {
-            self.row(part[0][0]).insert(part, rich);
+            self.row(part[0][0]).insert(part, rich, conserving);
         }
     }
 
@@ -135,6 +148,13 @@ impl Contacts {
             self.rich = !laws.is_plain();
             for row in &mut self.rows {
                 row.more = vec![More::default(); if self.rich { row.pairs.len() } else { 0 }];
+            }
+        }
+        if laws.conserving != self.conserving {
+            self.conserving = laws.conserving;
+            for row in &mut self.rows {
+                let length = if self.conserving { row.pairs.len() } else { 0 };
+                row.accounts = vec![Account::default(); length];
             }
         }
         if laws.is_adhesive() != self.adhesive {
@@ -148,16 +168,24 @@ impl Contacts {
 impl Row {
     /// What contact `k` of the row remembers.
     pub fn memory(&self, k: usize) -> Memory {
-        Memory { shear: self.shear[k], more: self.more.get(k).copied().unwrap_or_default() }
+        Memory {
+            shear: self.shear[k],
+            more: self.more.get(k).copied().unwrap_or_default(),
+            account: self.accounts.get(k).copied().unwrap_or_default(),
+        }
     }
 
-    /// Merges sorted new pairs in, from the back so that every entry moves once; `rich` contacts remember more than a shear force.
-    fn insert(&mut self, born: &[[u32; 2]], rich: bool) {
+    /// Merges sorted new pairs in, from the back so that every entry moves once; `rich` contacts remember more than a shear force,
+    /// `conserving` ones keep an account.
+    fn insert(&mut self, born: &[[u32; 2]], rich: bool, conserving: bool) {
         let (mut old, mut new) = (self.pairs.len(), born.len());
         lengthen(&mut self.pairs, old + new, [0; 2]);
         lengthen(&mut self.shear, old + new, DVec3::ZERO);
         if rich {
             lengthen(&mut self.more, old + new, More::default());
+        }
+        if conserving {
+            lengthen(&mut self.accounts, old + new, Account::default());
         }
         while new > 0 {
             let to = old + new - 1;
@@ -173,6 +201,9 @@ impl Row {
             if rich {
                 self.more[to] = if stays { self.more[old] } else { More::default() };
             }
+            if conserving {
+                self.accounts[to] = if stays { self.accounts[old] } else { Account::default() };
+            }
         }
     }
 
@@ -182,6 +213,9 @@ impl Row {
         remove(&mut self.shear, parted);
         if !self.more.is_empty() {
             remove(&mut self.more, parted);
+        }
+        if !self.accounts.is_empty() {
+            remove(&mut self.accounts, parted);
         }
     }
 }

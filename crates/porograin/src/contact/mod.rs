@@ -1,5 +1,6 @@
 //! Contacts: who touches whom, the memory of each contact, and the laws.
 
+mod account;
 mod adhesion;
 mod capillary;
 mod damping;
@@ -16,6 +17,7 @@ mod rolling;
 #[cfg(test)]
 mod tests;
 mod touch;
+pub use account::Account;
 pub use adhesion::{Adhesion, Bond};
 pub use capillary::Capillary;
 pub use damping::Restitution;

@@ -75,7 +75,7 @@ impl Near {
 
     /// Brings the contacts of one grain up to date with the parts it has `feet` on, sorted.
     fn update(&mut self, contacts: &mut Contacts, surroundings: &Surroundings, grain: u32) {
-        let rich = contacts.rich;
+        let (rich, conserving) = (contacts.rich, contacts.conserving);
         let row = contacts.row(grain);
         let start = row.pairs.partition_point(|pair| *pair < [grain, FIRST_WALL + 6]);
         let known = row.pairs[start..].iter().take_while(|pair| pair[0] == grain).count();
@@ -106,7 +106,10 @@ impl Near {
         row.pairs.splice(range.clone(), self.now.iter().map(|&part| [grain, part]));
         row.shear.splice(range.clone(), memories.iter().map(|memory| memory.shear));
         if rich {
-            row.more.splice(range, memories.iter().map(|memory| memory.more));
+            row.more.splice(range.clone(), memories.iter().map(|memory| memory.more));
+        }
+        if conserving {
+            row.accounts.splice(range, memories.iter().map(|memory| memory.account));
         }
     }
 

@@ -6,7 +6,7 @@
 
 use super::lanes::{BATCH, Batch};
 use super::memory::{ROW, Row};
-use super::{ContactLaw, Contacts, Law, Plain, Surroundings};
+use super::{Account, ContactLaw, Contacts, Law, PairLoad, Plain, Surroundings};
 use crate::grains::{Loads, Push};
 use crate::walls::is_part;
 use glam::{DMat3, DVec3};
@@ -229,11 +229,28 @@ impl Share<'_> {
         for row in std::mem::take(&mut self.rows) {
             for k in 0..row.pairs.len() {
                 let pair = row.pairs[k];
-                let (law, touch, mut memory) =
-                    (surroundings.law(pair), surroundings.touch(pair), row.memory(k));
+                let (law, near, mut memory) =
+                    (surroundings.law(pair), surroundings.near(pair), row.memory(k));
+                let touch = surroundings.touch_of(pair, &near);
                 memory.turn(touch.normal, touch.twist * last);
-                let load = law.load(&touch, &mut memory, last);
-                if !law.holds(&touch, &memory) {
+                let before = memory;
+                let (mut load, mut holds) = (PairLoad::default(), law.holds(&touch, &memory));
+                if holds {
+                    load = law.load(&touch, &mut memory, last);
+                    holds = law.holds(&touch, &memory);
+                }
+                if surroundings.laws.conserving {
+                    if !holds {
+                        (load, memory) = Default::default();
+                    }
+                    let now = holds.then_some(&memory);
+                    let account =
+                        Account::settle(law, &near, &touch, &before, now.map(|now| (now, &load)), last);
+                    load.force += account.force;
+                    holds |= account != Account::default();
+                    row.accounts[k] = account;
+                }
+                if !holds {
                     self.end(k);
                     continue;
                 }

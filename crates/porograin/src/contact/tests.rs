@@ -173,7 +173,7 @@ fn turned_with_the_frame_the_load_turns_along() {
             let across = |v: DVec3| v.cross(normal);
             let more =
                 More { roll: across(next.vector()), twist: next.next(), bond: Bond::Whole, bridge: true };
-            let start = Memory { shear: across(next.vector()), more };
+            let start = Memory { shear: across(next.vector()), more, ..Memory::default() };
             let mut there = start;
             there.shear = turn * start.shear;
             there.more.roll = turn * start.more.roll;

@@ -94,8 +94,10 @@ pub struct Near {
     pub radius: [f64; 2],
     /// Velocity of the second relative to the first [m/s]; of a wall, at the foot.
     pub velocity: DVec3,
-    /// Spins of the two [rad/s]; a wall has none.
+    /// Spins of the two [rad/s]; a wall has none unless it turns.
     pub spin: [DVec3; 2],
+    /// By how much the velocity of a wall that turns changes as the grain goes along it [m/s²].
+    pub swing: DVec3,
     /// Tangent of the friction angle [-].
     pub friction: f64,
     /// Reduced mass [kg].
@@ -178,7 +180,13 @@ impl<'a> Surroundings<'a> {
     /// The touch of a pair under the law that acts on it.
     #[inline(always)]
     pub fn touch(&self, pair: [u32; 2]) -> Touch {
-        let touch = self.near(pair).touch();
+        self.touch_of(pair, &self.near(pair))
+    }
+
+    /// The touch of a pair that is gathered already.
+    #[inline(always)]
+    pub(super) fn touch_of(&self, pair: [u32; 2], near: &Near) -> Touch {
+        let touch = near.touch();
         match self.laws.own(self.grains, pair) {
             Some(law) => Touch { friction: law.friction().to_radians().tan(), ..touch },
             None => touch,
@@ -216,6 +224,7 @@ impl<'a> Surroundings<'a> {
                     radius: [radius, grains.radius[j]],
                     velocity,
                     spin: [grains.spin[i], grains.spin[j]],
+                    swing: DVec3::ZERO,
                     friction: self.friction,
                     mass: grains.mass[i] * grains.mass[j] / (grains.mass[i] + grains.mass[j]),
                 }
@@ -232,6 +241,7 @@ impl<'a> Surroundings<'a> {
                     radius: [radius, radius],
                     velocity: plane.velocity - grains.velocity[i],
                     spin: [grains.spin[i], DVec3::ZERO],
+                    swing: DVec3::ZERO,
                     friction: plane.friction,
                     mass: grains.mass[i],
                 }
@@ -261,6 +271,7 @@ impl<'a> Surroundings<'a> {
             radius: [radius, radius],
             velocity: velocity - grains.velocity[i],
             spin: [grains.spin[i], place.spin],
+            swing: place.spin.cross(grains.velocity[i] - place.velocity),
             friction: wall.friction.to_radians().tan(),
             mass: grains.mass[i],
         }

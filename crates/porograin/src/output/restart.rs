@@ -11,7 +11,7 @@ use std::path::Path;
 
 const MAGIC: [u8; 8] = *b"porogran";
 /// Grows whenever [`Checkpoint`] or anything inside it changes.
-pub const VERSION: u32 = 14;
+pub const VERSION: u32 = 15;
 /// Fast, and already half the size: most of the bytes are digits of coordinates, which no level compresses.
 const COMPRESSION: i32 = 1;
 const HEADER: usize = 8 + 4 + 4 + 4;
