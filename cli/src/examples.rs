@@ -224,6 +224,16 @@ const EXAMPLES: &[Example] = &[
             ("pulse.svg", include_str!("../../examples/24-wave-speed/pulse.svg")),
         ],
     },
+    Example {
+        name: "25-energy-budget",
+        about: "grains are thrown together and sheared: where the energy goes, and that none is missing",
+        files: &[
+            ("case.toml", include_str!("../../examples/25-energy-budget/case.toml")),
+            ("README.md", include_str!("../../examples/25-energy-budget/README.md")),
+            ("energy.svg", include_str!("../../examples/25-energy-budget/energy.svg")),
+            ("lost.svg", include_str!("../../examples/25-energy-budget/lost.svg")),
+        ],
+    },
 ];
 
 /// What a case can choose from besides packings and measures: headings, and names with what they are.

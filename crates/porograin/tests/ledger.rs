@@ -198,3 +198,19 @@ fn a_resumed_run_keeps_the_same_ledger() {
     assert_eq!(resumed.progress, whole.progress);
     assert!(resumed.state == whole.state);
 }
+
+/// The example `25-energy-budget`, as it is and without: what its page says is lost.
+#[test]
+fn nothing_is_missing_in_the_example() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/25-energy-budget/case.toml");
+    let [conserving, plain] = ["true", "false"]
+        .map(|value| ledgers(&Case::from_file(&file, &[format!("conserve-energy={value}")]).unwrap()));
+    for ledger in conserving.iter().chain(&plain) {
+        assert!(ledger.error().abs() < 1e-12 * ledger.input(), "{:e} of {ledger:?}", ledger.error());
+    }
+    for ledger in &conserving {
+        assert!(ledger.integration.abs() < 1e-9 * ledger.input(), "{ledger:?}");
+    }
+    let lost = plain.map(|ledger| ledger.integration / ledger.input());
+    assert!(lost[0] > 1e-3 && lost[0] < 1e-2 && lost[1].abs() > 1e-6, "{lost:?}");
+}
