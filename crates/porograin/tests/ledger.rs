@@ -199,6 +199,45 @@ fn a_resumed_run_keeps_the_same_ledger() {
     assert!(resumed.state == whole.state);
 }
 
+/// In a drum that turns, whose wall goes another way wherever a grain is.
+#[test]
+fn the_budget_closes_in_a_drum() {
+    let text = r#"
+        title = "drum"
+        gravity = [0.0, 0.0, -9.81]
+        conserve-energy = true
+        [domain]
+        size = [0.03, 0.012, 0.03]
+        [grains]
+        packing = { cloud = { count = 100, spread = 0.2, seed = 3, radius = 0.6e-3, within = [[0.006, 0.0, 0.006], [0.024, 0.012, 0.024]] } }
+        density = 2600.0
+        [contact.linear]
+        young = 1e6
+        stiffness-ratio = 0.5
+        friction = 30.0
+        [[wall]]
+        name = "drum"
+        shape = { cylinder = { point = [0.015, 0.0, 0.015], axis = [0.0, 1.0, 0.0], radius = 0.0149 } }
+        motion = { rotating = { point = [0.015, 0.0, 0.015], axis = [0.0, 1.0, 0.0], rate = 10.0 } }
+        friction = 30.0
+        [[stage]]
+        name = "fall"
+        until = { time = 0.05 }
+        [[stage]]
+        name = "turn"
+        until = { time = 0.1 }
+        [[watch]]
+        measures = ["energy-budget"]
+        every = { steps = 1000 }
+        "#;
+    let case = Case::from_text("case.toml", text, Path::new("."), &[]).unwrap();
+    for ledger in ledgers(&case) {
+        let [error, lost] = [ledger.error(), ledger.integration].map(|e| e.abs() / ledger.input());
+        assert!(error < 1e-10 && lost < 1e-7, "{error:e} {lost:e} of {ledger:?}");
+        assert!(ledger.walls > 0.01 * ledger.input(), "{ledger:?}");
+    }
+}
+
 /// The example `25-energy-budget`, as it is and without: what its page says is lost.
 #[test]
 fn nothing_is_missing_in_the_example() {
