@@ -151,3 +151,22 @@ fn the_same_bits_on_any_number_of_threads_and_without_scratch() {
     assert!(owing > 500, "{owing}");
     assert!(run(3, u64::MAX).0 == one && run(1, 7).0 == one);
 }
+
+#[test]
+fn contacts_that_are_there_already_begin_with_nothing() {
+    for law in laws() {
+        let mut state = pair(1e-3, 0.2, 0.1);
+        let mut work = Work::default();
+        while state.contacts.is_empty() {
+            step(&mut state, &model(law.clone(), false, 0.1), &mut work).unwrap();
+        }
+        for _ in 0..5 {
+            step(&mut state, &model(law.clone(), false, 0.1), &mut work).unwrap();
+        }
+        let now = |state: &State| state.contacts.iter().next().unwrap().1.account;
+        step(&mut state, &model(law.clone(), true, 0.1), &mut work).unwrap();
+        assert!(now(&state).surplus == 0.0 && now(&state).force == DVec3::ZERO, "{:?}", now(&state));
+        step(&mut state, &model(law.clone(), true, 0.1), &mut work).unwrap();
+        assert!(now(&state).surplus != 0.0);
+    }
+}

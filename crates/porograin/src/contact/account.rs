@@ -84,7 +84,7 @@ impl Account {
             }
             if square > 0.0 {
                 let most = MOST * stiffness;
-                account.force = (-account.surplus / square).clamp(-most, most) * way;
+                account.force = (-account.surplus / square).max(-most).min(most) * way;
                 account.surplus += 0.5 * account.force.dot(way);
             }
         }
