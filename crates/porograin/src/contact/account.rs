@@ -2,10 +2,7 @@
 //!
 //! Leapfrog knows the forces at the steps alone. A force `F` does the work of half the motion before it and half the motion after it,
 //! and summed over the steps that differs from what springs store and slip takes: by much where a contact opens or closes within a
-//! step, by little where it turns. An account adds up the difference `a`, contact by contact, and a force
-//!
-//!     E = -a w/w²,    |E| <= k |w|
-//!
+//! step, by little where it turns. An account adds up the difference `a`, contact by contact, and a force `E = -a w/w²`, `|E| <= k |w|`,
 //! on the first of the pair, which takes part in the motion of the next step as it did in that of the last, brings it back to nothing;
 //! `w` is the way of the second against the first at the contact point in the last step, `k` the stiffness of the normal spring. The force
 //! is of the order of what the springs change by in a step, so it vanishes with the step, and at rest. A contact that has parted
