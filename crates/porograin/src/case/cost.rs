@@ -3,10 +3,13 @@
 //! `T = T_DEM(N) + T_F(N) + T_LS(N) + (T_TRG(N) + T_G(N) + T_LTL(N)) / P_R`, with N grains and a new mesh every `P_R` steps. One thread of
 //! the 2-core machine of `benches/NOTES.md`, 2026-11-26, random packings with 6 pores per grain.
 
+use crate::contact::Laws;
 use porograin_linear::Method;
 
 /// A step with hardly any grains [s], and contacts and motion, neighbours made anew now and then, per grain (5.18) [s].
 const DRY: [f64; 2] = [5.0e-5, 0.55e-7];
+/// The latter under a law that has more than springs and friction, and where contacts conserve the energy [s].
+const EACH: [f64; 2] = [2.0e-7, 2.5e-7];
 /// Volumes carried and forces of the water, per grain (5.3, 5.15) [s].
 const FORCES: f64 = 1.1e-7;
 /// Triangulation, per grain (5.2) [s].
@@ -27,9 +30,13 @@ const IMPLICIT: f64 = 4.0;
 /// Water on a grid: the passes over the grains, per grain, and flows and solve, per cell [s].
 const COARSE: [f64; 2] = [1.2e-8, 4.5e-8];
 
-/// Seconds of a dry step of `grains` grains.
-pub fn dry(grains: f64) -> f64 {
-    DRY[0] + DRY[1] * grains
+/// Seconds of a dry step of `grains` grains under these laws.
+pub fn dry(grains: f64, laws: &Laws) -> f64 {
+    let each = match (laws.is_plain(), laws.conserving) {
+        (true, _) => DRY[1],
+        (false, conserving) => EACH[usize::from(conserving)],
+    };
+    DRY[0] + each * grains
 }
 
 /// Seconds that the water of `grains` grains and `pores` pores adds to a step, with a new mesh every `period` steps.
@@ -52,15 +59,23 @@ pub fn coarse(grains: f64, cells: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::{Law, Linear};
 
-    /// Steps as measured on one thread (`benches/NOTES.md`): `bench dry`; `bench coupled` to 1e-3; implicit ones of example 01, small and large; what the
+    /// Steps as measured on one thread (`benches/NOTES.md`): `bench dry`; `bench coupled` to 1e-3; implicit ones of example 01, small and large; a damped law and contacts that conserve the energy at the same 5000 grains; what the
     /// water adds in `bench coarse` and in example 21 on its grid.
     #[test]
     fn the_model_gives_what_was_measured() {
-        let wet = |grains, implicit| dry(grains) + pores(grains, 6.0 * grains, Method::Auto, implicit, 1000);
+        let plain = Laws::from(Law::Linear(Linear::new(1e6, 0.5, 30.0)));
+        let damped = Linear { restitution: Some(0.9.into()), ..Linear::new(1e6, 0.5, 30.0) };
+        let conserving = Laws { conserving: true, ..plain.clone() };
+        let wet = |grains, implicit| {
+            dry(grains, &plain) + pores(grains, 6.0 * grains, Method::Auto, implicit, 1000)
+        };
         for (model, measured) in [
-            (dry(5000.0), 0.275e-3),
-            (dry(20_000.0), 1.21e-3),
+            (dry(5000.0, &plain), 0.275e-3),
+            (dry(20_000.0, &plain), 1.21e-3),
+            (dry(5000.0, &Law::Linear(damped).into()), 1.00e-3),
+            (dry(5000.0, &conserving), 1.29e-3),
             (wet(5000.0, false), 1.87e-3),
             (wet(20_000.0, false), 10.1e-3),
             (wet(1000.0, true), 1.08e-3),

@@ -143,7 +143,7 @@ impl Case {
                     },
                 }
             });
-            let mut per_step = cost::dry(count as f64);
+            let mut per_step = cost::dry(count as f64, &model.contact);
             if let (Some(Flow::Pores(flow)), Some(water)) = (model.fluid.as_ref().map(|f| &f.flow), &water) {
                 let pores = PORES_PER_GRAIN * count as f64;
                 let (method, period) = (flow.solver.method(), fluid::EXPECTED_SOLVES);
