@@ -83,7 +83,8 @@ impl<S: Spring> Full<'_, S> {
         extras.adhesion.map_or(0.0, stretch).max(extras.capillary.map_or(0.0, |c| c.rupture(&touch)))
     }
 
-    /// Energy along the normal, of the spring, the bond and the bridge [J].
+    /// Energy along the normal, of the spring, the bond and the bridge [J]: of all that [`load`](ContactLaw::load) presses with besides
+    /// dampers. The budget of the energy and the accounts of contacts rely on it.
     #[inline]
     pub fn pressed(&self, touch: &Touch, more: &More) -> f64 {
         let spring = if self.springs(touch, more) { self.0.energy(touch) } else { 0.0 };
